@@ -319,6 +319,13 @@ mod tests {
     }
 
     #[test]
+    fn a_board_is_not_mirrored() {
+        let right = "file.toml:2: mounting.board_axes is \"-x +y +z\", which is mirrored, but must be a rotation: \
+                     turn one sign round, or exchange two axes";
+        assert_eq!(faults("[mounting]\nboard_axes = \"-x +y +z\""), [right]);
+    }
+
+    #[test]
     fn a_row_of_numbers_is_asked_for_whole() {
         for found in ["[1,2,\"x\"]", "[1, 2]", "[1, 2, 3, 4]", "3"] {
             let right = format!(

@@ -194,14 +194,12 @@ mod tests {
         (measured_s.floor() + 0.06).max(measured_s)
     }
 
-    /// A host that sleeps for 60 ms every second.
     #[test]
     fn what_has_piled_up_in_a_pause_is_as_late_as_it_is() {
         let apart_s = apart_s(paused_s);
         assert!(apart_s.iter().all(|apart_s| apart_s.abs() < 0.006));
     }
 
-    /// A chip that measures every 10 ms, and a host that takes what has come every 64 ms.
     #[test]
     fn readings_in_bursts_have_the_chips_times() {
         let apart_s = apart_s(polled_s);
@@ -271,7 +269,7 @@ mod tests {
     fn readings_of_one_time_are_on_time() {
         let mut lateness = Lateness::default();
         for i in 0..100 {
-            assert!(lateness.take(0.1 * f64::from(i / 10)) >= 0.0, "{i}");
+            assert!(lateness.take(0.1 * f64::from(i / 10)) < 1e-3, "{i}");
         }
     }
 

@@ -126,16 +126,6 @@ mod tests {
     }
 
     #[test]
-    fn never_stops_for_change_before_the_window_is_full() {
-        let settings = settings();
-        let mut watch = ConvergenceMonitor::new(&settings);
-        for _ in 0..3 {
-            assert_eq!(watch.iterated(&[1.0, 1.0], 100.0), None);
-        }
-        assert_eq!(watch.iterated(&[1.0, 1.0], 100.0), Some(Stop::Change));
-    }
-
-    #[test]
     fn the_minimum_error_stops_at_once() {
         let settings = settings();
         let mut watch = ConvergenceMonitor::new(&settings);

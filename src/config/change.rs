@@ -109,14 +109,6 @@ mod tests {
     }
 
     #[test]
-    fn nothing_changes_into_itself() {
-        let same = config("[turn]\nangle_deg = 350");
-        let change = same.change(&same).unwrap();
-        assert_eq!((change.now, change.at_start), (vec![], vec![]));
-        assert_eq!(change.config, same);
-    }
-
-    #[test]
     fn every_fixed_key_is_one() {
         for name in AT_START {
             let (table, key) = name.split_once('.').unwrap_or((name, ""));

@@ -5,6 +5,9 @@ mod demo;
 mod disk;
 #[path = "../domain/effort.rs"]
 mod effort;
+#[path = "../soak/health.rs"]
+#[allow(dead_code)]
+mod health;
 mod i2c;
 mod north;
 mod record;

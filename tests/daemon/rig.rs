@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, Command, ExitStatus};
 use std::time::{Duration, Instant};
 
 use headingd::recording::{Entry, Header, written};
@@ -13,6 +13,10 @@ use headingd::sensor::simulator::{Scenario, Settings};
 use rustix::net::{AddressFamily, SocketAddrUnix, SocketType, bind, listen, socket};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
+
+#[path = "../domain/shared.rs"]
+mod shared;
+pub use shared::*;
 
 /// Longer than anything takes on the slowest machine.
 pub const PATIENCE: Duration = Duration::from_secs(30);
@@ -43,25 +47,7 @@ pub struct Process {
     stderr: PathBuf,
 }
 
-/// The program, ready for arguments. It reads nothing and finds no settings in the environment.
-pub fn program() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_headingd"));
-    command
-        .stdin(Stdio::null())
-        .env_remove("RUST_LOG")
-        .env_remove("HEADINGD_CONFIG");
-    command
-}
-
-/// Runs a command to its end: exit status, standard output and standard error.
-pub fn finished(command: &mut Command) -> (i32, String, String) {
-    let output = command.output().unwrap();
-    let text = |bytes| String::from_utf8(bytes).unwrap();
-    let (out, err) = (text(output.stdout), text(output.stderr));
-    (output.status.code().unwrap(), out, err)
-}
-
-/// The same for the program with these arguments.
+/// Runs the program with these arguments to its end: exit status, standard output and standard error.
 pub fn headingd(arguments: &[&str]) -> (i32, String, String) {
     finished(program().args(arguments))
 }
@@ -324,6 +310,11 @@ pub fn log(header: &Header, entries: impl IntoIterator<Item = Entry>) -> Vec<u8>
     written(header, entries).unwrap()
 }
 
+/// Says that the machine could not do a test. What is printed by a test that passes is shown to nobody.
+pub fn not_run(why: &str) {
+    writeln!(std::io::stderr(), "not run: {why}").unwrap();
+}
+
 /// A pseudo-terminal, and the path of its other side.
 pub fn pty() -> (OwnedFd, String) {
     let pty = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
@@ -339,11 +330,6 @@ pub fn until(what: &str, mut condition: impl FnMut() -> bool) {
         assert!(begun.elapsed() < PATIENCE, "waited in vain: {what}");
         std::thread::sleep(Duration::from_millis(2));
     }
-}
-
-/// How far one angle is from another, degrees.
-pub fn apart_deg(one: f64, other: f64) -> f64 {
-    (one - other + 540.0).rem_euclid(360.0) - 180.0
 }
 
 /// How many files and folders there are.

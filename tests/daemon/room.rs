@@ -11,7 +11,7 @@ use rustix::fs::fstatvfs;
 use serde_json::json;
 
 use crate::control::link::Link;
-use crate::rig::{FAST, LONG, Process, Rig};
+use crate::rig::{FAST, LONG, Process, Rig, not_run};
 
 /// Runs what follows where a small disk is mounted on $0.
 const ON_A_SMALL_DISK: [&str; 7] = [
@@ -50,7 +50,7 @@ impl Small {
             .status()
             .is_ok_and(|status| status.success())
         {
-            println!("left out: no namespaces here");
+            not_run("the system allows no namespaces");
             return None;
         }
         let (program, config) = (env!("CARGO_BIN_EXE_headingd"), rig.text("headingd.toml"));

@@ -4,6 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use crate::rig::not_run;
+
 /// At most this exposure, of 0.0 (tightest) to 10.0.
 const MOST_EXPOSED: f64 = 1.0;
 
@@ -25,7 +27,7 @@ fn units() -> (tempfile::TempDir, Vec<PathBuf>) {
 fn analyze(arguments: &[&str], units: &[PathBuf]) -> Option<(bool, String)> {
     let mut command = Command::new("systemd-analyze");
     let Ok(output) = command.args(arguments).args(units).output() else {
-        println!("not checked: systemd-analyze is not here");
+        not_run("there is no systemd-analyze");
         return None;
     };
     let said = [output.stdout, output.stderr].concat();

@@ -10,7 +10,6 @@ mod judgement;
 mod precision;
 mod soft_iron;
 mod survey;
-mod trap;
 
 /// What comes of each of these jobs, in any order.
 fn on_two_threads<J: Sync, R: Send>(jobs: &[J], work: impl Fn(&J) -> R + Sync) -> Vec<R> {

@@ -1,6 +1,5 @@
 //! What the tests of whole commands share: simulated logs, and running the program on them.
 use std::fs;
-use std::process::{Command, Stdio};
 
 use headingd::reading::Reading;
 use headingd::recording::{Entry, Header, written};
@@ -10,6 +9,8 @@ use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::Value;
 use tempfile::TempDir;
+
+pub use crate::shared::{apart_deg, calibration, finished, program};
 
 /// What a run of the program came to.
 #[derive(Debug)]
@@ -32,25 +33,10 @@ impl Ran {
     }
 }
 
-/// The program, ready for arguments. It reads nothing and finds no settings in the environment.
-pub fn command() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_headingd"));
-    command
-        .stdin(Stdio::null())
-        .env_remove("RUST_LOG")
-        .env_remove("HEADINGD_CONFIG");
-    command
-}
-
 /// Runs the program.
 pub fn headingd(args: &[&str]) -> Ran {
-    let output = command().args(args).output().unwrap();
-    let text = |bytes| String::from_utf8(bytes).unwrap();
-    Ran {
-        status: output.status.code().expect("ended by a signal"),
-        out: text(output.stdout),
-        err: text(output.stderr),
-    }
+    let (status, out, err) = finished(program().args(args));
+    Ran { status, out, err }
 }
 
 /// A folder of files that goes away with its handle.
@@ -144,11 +130,6 @@ pub fn of_class(lines: &[Value], class: &str) -> Vec<Value> {
         .filter(|line| line["class"] == class)
         .cloned()
         .collect()
-}
-
-/// The difference of two headings, degrees, -180 to 180.
-pub fn apart_deg(a: f64, b: f64) -> f64 {
-    (a - b + 180.0).rem_euclid(360.0) - 180.0
 }
 
 /// Errors of headings in a noise-free turn of this board, degrees. `correct` makes a field of what its magnetometer reads;

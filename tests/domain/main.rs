@@ -13,6 +13,7 @@ mod paper;
 mod pipeline;
 mod replay;
 mod report;
+mod shared;
 mod silence;
 mod store;
 mod true_north;

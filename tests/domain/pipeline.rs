@@ -11,7 +11,7 @@ use headingd::reading::Reading;
 use headingd::sensor::simulator::{Scenario, Settings, Simulator};
 use nalgebra::{Vector2, Vector3};
 
-use crate::common::{apart_deg, moving, rms, simulated, turn_errors_deg, turning};
+use crate::common::{apart_deg, calibration, moving, rms, simulated, turn_errors_deg, turning};
 
 fn readings(settings: &Settings) -> Vec<Reading> {
     let (_, entries) = simulated(settings);
@@ -87,21 +87,14 @@ impl Played {
 fn shifted(settings: &Settings, shift_mgauss: f64) -> Calibration {
     let scale = Vector2::new(settings.scale[0], settings.scale[1]);
     let [x, y, _] = settings.bias_mgauss;
-    Calibration {
-        parameters: Parameters::Planar(Planar {
-            basis: [Vector3::x(), Vector3::y()],
-            bias_mgauss: Vector2::new(x + shift_mgauss, y),
-            scale: scale / scale.mean(),
-            level: Vector2::zeros(),
-        }),
-        reference_mgauss: None,
-        strength_mgauss: settings.horizontal_mgauss * scale.mean(),
-        residual_mgauss: 2.0,
-        heading_sd_deg: 0.05,
-        covariance: None,
-        gyro_bias_deg_s: None,
-        accel_bias_m_s2: None,
-    }
+    let parameters = Parameters::Planar(Planar {
+        basis: [Vector3::x(), Vector3::y()],
+        bias_mgauss: Vector2::new(x + shift_mgauss, y),
+        scale: scale / scale.mean(),
+        level: Vector2::zeros(),
+    });
+    let strength_mgauss = settings.horizontal_mgauss * scale.mean();
+    calibration(parameters, strength_mgauss, 2.0, 0.05)
 }
 
 /// Error of a planar calibration's headings in a level turn without noise, with a magnet near, degrees RMS.

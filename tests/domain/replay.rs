@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader};
 use std::process::Stdio;
 
 use crate::common::{
-    Folder, Log, Ran, apart_deg, command, headingd, log, moving, of_class, rms, simulated, turning,
+    Folder, Log, Ran, apart_deg, headingd, log, moving, of_class, program, rms, simulated, turning,
 };
 use headingd::frame::hypot;
 use headingd::recording::Entry;
@@ -389,24 +389,28 @@ fn each_way_to_fail_has_its_status() {
     let bad = folder.file("bad", "hello\n");
     let missing = folder.path("missing");
     let directory = folder.path("");
-    let cases: [(i32, Vec<&str>); 11] = [
-        (66, vec![&missing]),
-        (66, vec![&directory]),
-        (65, vec![&bad]),
-        (66, vec![&log, "--calibration", &missing]),
-        (66, vec![&log, "--calibration", &directory]),
-        (65, vec![&log, "--calibration", &bad]),
-        (66, vec![&log, "--config", &missing]),
-        (78, vec![&log, "--config", &bad]),
-        (73, vec![&log, "--store", &bad]),
-        (2, vec![&log, "--seed", "x"]),
-        (2, vec![]),
+    let cases: [(i32, Vec<&str>, &str); 11] = [
+        (66, vec![&missing], ""),
+        (66, vec![&directory], ""),
+        (65, vec![&bad], ""),
+        (66, vec![&log, "--calibration", &missing], ""),
+        (66, vec![&log, "--calibration", &directory], ""),
+        (65, vec![&log, "--calibration", &bad], ""),
+        (66, vec![&log, "--config", &missing], ""),
+        (78, vec![&log, "--config", &bad], ""),
+        (
+            73,
+            vec![&log, "--store", &bad],
+            "name a folder with --store",
+        ),
+        (2, vec![&log, "--seed", "x"], ""),
+        (2, vec![], ""),
     ];
-    for (status, args) in cases {
+    for (status, args, why) in cases {
         let ran = headingd(&[&["replay"], args.as_slice()].concat());
         assert_eq!(ran.status, status, "{args:?}: {}", ran.err);
         assert_eq!(ran.out, "", "{args:?}");
-        assert!(!ran.err.is_empty());
+        assert!(!ran.err.is_empty() && ran.err.contains(why), "{}", ran.err);
     }
 }
 
@@ -619,7 +623,7 @@ fn each_command_tells_a_log_without_a_row_and_reads_standard_input() {
             &["align", "-"],
             &["report", "-", "--out", &page],
         ] {
-            let mut command = command();
+            let mut command = program();
             let log = std::fs::File::open(&path).unwrap();
             let output = command.args(arguments).stdin(log).output().unwrap();
             let err = String::from_utf8(output.stderr).unwrap();
@@ -633,7 +637,7 @@ fn each_command_tells_a_log_without_a_row_and_reads_standard_input() {
 fn a_reader_that_goes_away_is_no_failure() {
     let folder = Folder::new();
     let log = folder.log("a.csv", &Settings::default());
-    let mut child = command()
+    let mut child = program()
         .args(["replay", &log])
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -658,7 +662,7 @@ fn a_full_disk_is_a_failure() {
             .write(true)
             .open("/dev/full")
             .unwrap();
-        let output = command()
+        let output = program()
             .args(args)
             .stdout(full)
             .stderr(Stdio::piped())

@@ -6,9 +6,7 @@ use std::process::Command;
 use std::sync::mpsc;
 use std::time::Duration;
 
-use headingd::calibration::model::{
-    Calibration, Model, PackedCovariance, Parameters, Planar, Spatial,
-};
+use headingd::calibration::model::{Model, PackedCovariance, Parameters, Planar, Spatial};
 use headingd::calibration::policy::{CalibrationOrigin, Policy};
 use headingd::store::history::HistoryError;
 use headingd::store::{
@@ -16,6 +14,8 @@ use headingd::store::{
 };
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use serde_json::{Value, json};
+
+use crate::shared::calibration;
 
 fn identity() -> Identity {
     Identity {
@@ -30,16 +30,7 @@ fn record(parameters: Parameters) -> CalibrationRecord {
         origin: Some(CalibrationOrigin::Turn),
         gyro_rms_deg: Some(1.0 / 7.0),
         samples: Some(560),
-        calibration: Calibration {
-            parameters,
-            reference_mgauss: None,
-            strength_mgauss: 610.0 / 3.0,
-            residual_mgauss: 0.1 + 0.2,
-            heading_sd_deg: 0.7,
-            covariance: None,
-            gyro_bias_deg_s: None,
-            accel_bias_m_s2: None,
-        },
+        calibration: calibration(parameters, 610.0 / 3.0, 0.1 + 0.2, 0.7),
     }
 }
 
@@ -538,13 +529,20 @@ fn what_could_not_be_read_again_is_not_saved() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_used_is_refused() {
+fn a_folder_that_cannot_be_used_is_refused_by_its_own_name() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("file");
     fs::write(&file, "").unwrap();
-    for directory in [file.clone(), file.join("below")] {
+    // Nobody may make files in the last two, not even root.
+    for directory in [
+        file.clone(),
+        file.join("below"),
+        "/proc/self".into(),
+        "/proc/none".into(),
+    ] {
         let message = message(Store::open(&directory));
-        assert!(message.contains(directory.to_str().unwrap()), "{message}");
+        let rest = message.replace(directory.to_str().unwrap(), "");
+        assert!(rest != message && !rest.contains(".tmp"), "{message}");
     }
 }
 

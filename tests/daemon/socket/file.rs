@@ -91,16 +91,6 @@ fn a_listener_with_a_full_backlog_is_not_waited_for() {
     assert!(matches!(refused.why, BindFault::Busy(_)), "{refused}");
 }
 
-#[tokio::test]
-async fn a_dead_daemons_socket_is_replaced_and_a_living_ones_respected() {
-    let rig = rig(|settings| drop(leave_dead_socket(&settings.socket)));
-    rig.client().await;
-    let refused = serve(&rig.settings).unwrap_err();
-    assert!(matches!(refused.why, BindFault::Busy(_)), "{refused}");
-    assert!(refused.to_string().contains("another daemon is serving"));
-    rig.client().await;
-}
-
 #[test]
 fn a_file_that_is_no_socket_and_a_folder_that_will_not_do_are_refused() {
     let (directory, mut settings) = settings();

@@ -1,6 +1,5 @@
 //! Many clients, slow clients, too many clients.
 
-use std::fs;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
@@ -9,6 +8,7 @@ use tokio::io::AsyncWriteExt;
 use tokio::task::yield_now;
 
 use super::rig::{report, rig, until};
+use crate::health::resident_bytes;
 
 #[tokio::test]
 async fn many_clients_each_get_everything() {
@@ -56,7 +56,7 @@ async fn a_sleeper_in_a_process_of_its_own() {
         .watcher("{\"enable\":true,\"json\":true,\"state\":true}")
         .await;
     let mut reader = rig.watcher("{\"enable\":true}").await;
-    let before = resident_bytes();
+    let before = resident_bytes(std::process::id());
     rig.heading(1);
     assert_eq!(reader.next().await["seq"], 1);
     for seq in 2..=100_000 {
@@ -75,7 +75,7 @@ async fn a_sleeper_in_a_process_of_its_own() {
         last = seq;
     }
     // Kept without bound, the lines alone would take more than 25 MB.
-    let grown = resident_bytes().saturating_sub(before);
+    let grown = resident_bytes(std::process::id()).saturating_sub(before);
     assert!(grown < 20_000_000, "memory grew by {grown} bytes");
 
     let (mut states, mut last) = (0, 0);
@@ -90,13 +90,6 @@ async fn a_sleeper_in_a_process_of_its_own() {
         }
     }
     assert_eq!(states, 1);
-}
-
-fn resident_bytes() -> usize {
-    let status = fs::read_to_string("/proc/self/status").unwrap();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    let kib = line.and_then(|line| line.trim().strip_suffix(" kB"));
-    kib.unwrap().parse::<usize>().unwrap() << 10
 }
 
 #[tokio::test]

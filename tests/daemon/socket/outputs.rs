@@ -13,7 +13,7 @@ use headingd::publish::nmea::sentences;
 use headingd::publish::outputs::{self, Format, pty, tcp, udp};
 use rustix::io::ioctl_fionread;
 use serde_json::Value;
-use tokio::io::AsyncReadExt;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpStream, UdpSocket};
 use tokio::time::timeout;
 
@@ -88,12 +88,25 @@ async fn signal_k_comes_as_deltas() {
     let rig = rig(|_| {});
     let (receiver, mut udp) = receiver().await;
     udp.format = Format::SignalK;
-    let mut outputs = outputs::open(&udp, &off(), &off(), &rig.publisher);
+    let mut port = own_address();
+    port.set_port(10112);
+    let mut tcp = tcp_on(port);
+    tcp.format = Format::SignalK;
+    let mut outputs = outputs::open(&udp, &tcp, &off(), &rig.publisher);
     publish(&rig, 57.0);
     let delta: Value = serde_json::from_str(&received(&receiver).await).unwrap();
     let first = &delta["updates"][0]["values"][0];
     assert_eq!(first["path"], "navigation.headingMagnetic");
     assert_eq!(first["value"], 0.994838);
+    let client = TcpStream::connect(port).await.unwrap();
+    let (mut degrees, mut bytes) = (57.0, [0; 11]);
+    until("a delta over TCP", || {
+        degrees += 1.0;
+        publish(&rig, degrees);
+        client.try_read(&mut bytes).is_ok()
+    })
+    .await;
+    assert_eq!(&bytes, b"{\"updates\":");
     outputs.shutdown().await;
 }
 
@@ -133,6 +146,10 @@ async fn whoever_connects_gets_what_comes_from_then_on() {
             text += std::str::from_utf8(&bytes[..count]).unwrap();
         }
     }
+    // One that closes its sending side is sent away, as is one of the socket.
+    clients[0].shutdown().await.unwrap();
+    let rest = timeout(PATIENCE, clients[0].read_to_end(&mut Vec::new())).await;
+    rest.expect("it is served on").unwrap();
     outputs.shutdown().await;
     until("the port to close", || StdTcpStream::connect(port).is_err()).await;
 }

@@ -9,7 +9,7 @@ use clap::Parser;
 use clap::error::ErrorKind;
 use headingd::command::cli::Cli;
 
-use crate::rig::{ENDLESS, FAST, LONG, Rig, finished, program};
+use crate::rig::{ENDLESS, FAST, LONG, Rig, finished, not_run, program};
 
 const README: &str = include_str!("../../../README.md");
 
@@ -92,7 +92,7 @@ fn every_command_that_readme_shows_does_what_it_should() {
 #[test]
 fn the_python_of_readme_prints_headings() {
     let Ok(_) = Command::new("python3").arg("--version").output() else {
-        eprintln!("not run: there is no python3");
+        not_run("there is no python3");
         return;
     };
     let rig = Rig::new(FAST, ENDLESS);

@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use crate::rig::{ENDLESS, FAST, Rig, finished, program};
+use crate::rig::{ENDLESS, FAST, Rig, finished, not_run, program};
 
 /// The program, which finds this configuration.
 fn usual(config: &str, arguments: &[&str]) -> Command {
@@ -21,18 +21,7 @@ fn every_command_finds_the_same_configuration() {
     let _process = rig.spawn(&mut self::usual(&config, &["run"]));
     rig.client().heading();
 
-    let (status, out, err) = usual(&["status"]);
-    assert_eq!((status, err.as_str()), (0, ""));
-    let first = out.lines().next().unwrap();
-    assert!(
-        first.starts_with("heading ") && first.contains("° magnetic ± "),
-        "{out}"
-    );
-    let (status, out, _) = usual(&["watch", "--count", "1"]);
-    assert_eq!(status, 0);
-    assert!(out.contains("° magnetic ± "), "{out}");
-    let (status, out, _) = usual(&["calibration", "list"]);
-    assert_eq!(status, 0, "{out}");
+    // The clients among them: what README shows (readme.rs).
     let (status, out, _) = usual(&["config", "check"]);
     assert_eq!(
         (status, out.as_str()),
@@ -70,6 +59,24 @@ fn a_fault_in_the_file_that_the_variable_names_is_an_error() {
     let (status, _, err) = usual(&["status", "--socket", &rig.text("control.sock")]);
     assert_eq!(status, 69, "{err}");
     assert!(!err.contains("speed"), "{err}");
+}
+
+/// In a mount namespace of its own, which needs no privileges, since it is the file of the system's daemon.
+#[test]
+fn after_a_fault_in_the_file_of_the_system_a_client_tries_the_usual_sockets() {
+    let script = "mount -t tmpfs none /run && mount -t tmpfs none /etc && mkdir /etc/headingd || exit 99
+                  printf '[source]\nspeed = 0\n' > /etc/headingd/headingd.toml && exec \"$0\" status";
+    let mut command = Command::new("unshare");
+    command.args(["--user", "--map-root-user", "--mount", "sh", "-c", script]);
+    command.arg(env!("CARGO_BIN_EXE_headingd"));
+    command.env_remove("HEADINGD_CONFIG");
+    let (status, _, err) = finished(&mut command);
+    if status == 99 || err.contains("unshare") {
+        return not_run("the system allows no namespaces");
+    }
+    let tried = ["speed is 0", "trying the usual sockets", "/run/headingd/"];
+    assert!(tried.iter().all(|part| err.contains(part)), "{err}");
+    assert_eq!(status, 69, "{err}");
 }
 
 #[test]

@@ -30,12 +30,6 @@ fn it_waits_for_the_verdict_on_a_turn() {
         (&outcome["class"], &outcome["method"]),
         (&"CALIBRATION".into(), &"turn".into())
     );
-
-    let (status, _, err) = headingd(&["calibration", "lock", "--socket", &socket]);
-    assert_eq!(status, 0, "{err}");
-    let (status, out, err) = headingd(&wait);
-    assert_eq!((status, out.as_str()), (3, ""), "{err}");
-    assert!(err.contains("(locked)"), "{err}");
 }
 
 #[test]

@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use super::bound::{HEADINGS, level_turn, raw};
+use super::bound::{level_turn, raw};
 use super::cases::{Case, Log, RATE_HZ};
 use super::disturbed::Trouble;
 use super::on_two_threads;
@@ -69,7 +69,6 @@ fn largest_error_deg(case: &Case, log: &Log, calibration: &Calibration) -> f64 {
         .map(|error| error.sin_cos())
         .fold((0.0, 0.0), |sum, e| (sum.0 + e.0, sum.1 + e.1));
     let mean = f64::atan2(sin, cos);
-    assert_eq!(errors.len(), HEADINGS);
     errors
         .iter()
         .map(|error| wrap_pi(error - mean).abs().to_degrees())
@@ -136,9 +135,6 @@ fn clean_logs_are_accepted() {
         }
     }
     let table = table(&jobs);
-    let logs: usize = table.iter().map(|(_, row)| row.logs).sum();
-    let accepted: usize = table.iter().map(|(_, row)| row.accepted).sum();
-    assert!(accepted * 100 >= logs * 99, "{accepted} of {logs}");
     for (name, row) in table {
         assert!(row.accepted * 100 >= row.logs * 99, "{name}: {row:?}");
         assert!(row.worst_deg <= LARGEST_DEG, "{name}: {row:?}");

@@ -141,7 +141,7 @@ fn holds<const D: usize, const P: usize>(
 }
 
 /// The samples along the axes that are calibrated.
-pub fn points<const D: usize>(log: &Log) -> Vec<[f64; D]> {
+fn points<const D: usize>(log: &Log) -> Vec<[f64; D]> {
     let samples = log.request.samples.iter();
     samples
         .map(|sample| std::array::from_fn(|axis| sample.field_mgauss[axis]))
@@ -149,7 +149,7 @@ pub fn points<const D: usize>(log: &Log) -> Vec<[f64; D]> {
 }
 
 /// The truth as a particle's position.
-pub fn true_position<const P: usize>(log: &Log) -> ParameterVector<P> {
+fn true_position<const P: usize>(log: &Log) -> ParameterVector<P> {
     std::array::from_fn(|k| match k.checked_sub(P / 2) {
         None => log.truth.bias[k],
         Some(axis) => log.truth.scale[axis],
@@ -158,7 +158,7 @@ pub fn true_position<const P: usize>(log: &Log) -> ParameterVector<P> {
 
 /// Whether two fits differ by more than their arithmetic: 0.001 milligauss, 0.00001 of scale, or 1 % of
 /// their standard deviation.
-pub fn differ<const D: usize, const P: usize>(one: &Refined<P>, other: &Refined<P>) -> bool {
+fn differ<const D: usize, const P: usize>(one: &Refined<P>, other: &Refined<P>) -> bool {
     (0..P).any(|k| {
         let unit: f64 = if k < D { 1e-3 } else { 1e-5 };
         let apart = (one.position[k] - other.position[k]).abs();

@@ -5,14 +5,14 @@ use headingd::calibration::outcome::Outcome;
 use headingd::calibration::policy::CalibrationOrigin;
 use headingd::calibration::{Request, calibrate};
 use headingd::condition::Report;
-use headingd::heading::Heading;
+use headingd::heading::{Heading, MagStatus};
 use headingd::pipeline::{Action, Event, Pipeline, Settings, Setup};
 use headingd::reading::Reading;
 use nalgebra::{Rotation3, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::common::{BIAS, EARTH, apart_deg};
+use crate::common::{BIAS, EARTH, apart_deg, calibration};
 
 /// Between two readings, seconds; all chips speak in each.
 const STEP_S: f64 = 0.02;
@@ -164,6 +164,19 @@ impl Board {
         Some(apart_deg(fused, self.heading_deg))
     }
 
+    /// Whether the gyro carries a published heading, and whether a sample gives one.
+    pub fn shown(&self) -> (bool, bool) {
+        let heading = self.heading.as_ref().unwrap();
+        (
+            heading.fused_deg.is_some(),
+            heading.instantaneous_deg.is_some(),
+        )
+    }
+
+    pub fn mag_status(&self) -> MagStatus {
+        self.heading.as_ref().unwrap().mag_status
+    }
+
     /// Makes a full turn of which nothing was made before: part of one is undone, and that takes its time.
     pub fn turn_anew(&mut self) {
         self.turn(-200.0);
@@ -248,30 +261,18 @@ impl Board {
 
 /// The calibration of a level turn, off by this.
 pub fn planar(off_mgauss: f64) -> Calibration {
-    Calibration {
-        parameters: Parameters::Planar(Planar {
-            basis: [Vector3::x(), Vector3::y()],
-            bias_mgauss: BIAS.xy() + Vector2::new(off_mgauss, 0.0),
-            scale: Vector2::new(1.0, 1.0),
-            level: Vector2::zeros(),
-        }),
-        reference_mgauss: None,
-        strength_mgauss: EARTH.x,
-        residual_mgauss: 1.2,
-        heading_sd_deg: 0.05,
-        covariance: None,
-        gyro_bias_deg_s: None,
-        accel_bias_m_s2: None,
-    }
+    let parameters = Parameters::Planar(Planar {
+        basis: [Vector3::x(), Vector3::y()],
+        bias_mgauss: BIAS.xy() + Vector2::new(off_mgauss, 0.0),
+        scale: Vector2::new(1.0, 1.0),
+        level: Vector2::zeros(),
+    });
+    calibration(parameters, EARTH.x, 1.2, 0.05)
 }
 
 /// One of all axes, off by this.
 pub fn spatial(off_mgauss: f64) -> Calibration {
     let bias = BIAS + Vector3::new(off_mgauss, 0.0, 0.0);
     let diagonal = Spatial::diagonal(bias, Vector3::new(1.0, 1.0, 1.0));
-    Calibration {
-        parameters: Parameters::Spatial(diagonal),
-        strength_mgauss: EARTH.norm(),
-        ..planar(0.0)
-    }
+    calibration(Parameters::Spatial(diagonal), EARTH.norm(), 1.2, 0.05)
 }

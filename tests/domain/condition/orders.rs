@@ -52,6 +52,30 @@ fn how_far_a_turn_is_is_not_known_while_nothing_comes() {
 }
 
 #[test]
+fn progress_is_the_way_to_a_heading_and_then_to_a_good_one() {
+    let mut board = Board::new(None);
+    for _ in 0..20 {
+        board.pitch_to(40.0);
+        board.turn(30.0);
+        board.pitch_to(-40.0);
+        board.turn(-30.0);
+    }
+    assert_eq!(board.state(), ("good", "good"));
+    for reason in ["no_calibration", "learning"] {
+        let reports = board
+            .reports
+            .iter()
+            .filter(|report| report.reason == reason);
+        let progress: Vec<f64> = reports.map(|report| report.progress.unwrap()).collect();
+        // On the way to a good one it comes and goes with the board's pose.
+        let (first, last) = (progress[0], progress[progress.len() - 1]);
+        assert!(progress.iter().all(|one| (0.0..=1.0).contains(one)));
+        assert!(first < 0.5 && last > 0.8, "{reason}: {progress:?}");
+    }
+    assert_eq!(board.reports.last().unwrap().progress, None);
+}
+
+#[test]
 fn what_was_turned_before_the_start_does_not_count() {
     let mut board = Board::rested(None);
     board.turn(300.0);

@@ -3,6 +3,7 @@
 use headingd::calibration::outcome::Outcome;
 use headingd::calibration::policy::Policy;
 use headingd::condition::SourceFault;
+use headingd::heading::MagStatus;
 use headingd::pipeline::{Event, Settings};
 use headingd::reading::{Field, Reading};
 use headingd::true_north::{EarthField, ValueWithSd};
@@ -124,7 +125,7 @@ const SCENARIOS: &[Scenario] = &[
     }, |b| {
         b.tumble();
         // Nothing that such a gyro taught is worth a heading.
-        assert_eq!(b.error_deg(), None);
+        assert_eq!(b.shown(), (false, false));
     }),
     ("the board is moved about", degraded, |b| {
         b.tumble();
@@ -133,8 +134,11 @@ const SCENARIOS: &[Scenario] = &[
     }),
     ("forget", good, |b| b.tell(Event::Activate(None))),
     ("the field is too weak or too strong", good, |b| {
-        b.earth_mgauss *= 1.4;
-        b.rest(2.0);
+        for (share, status) in [(0.6, MagStatus::LowField), (1.4, MagStatus::HighField)] {
+            b.earth_mgauss = share * EARTH;
+            b.rest(2.0);
+            assert_eq!(b.mag_status(), status);
+        }
     }),
     ("the field has another direction", good, |b| {
         let before = b.error_deg().unwrap();
@@ -174,22 +178,27 @@ const SCENARIOS: &[Scenario] = &[
     ("the gyro reads a constant in a turn", good, |b| {
         b.gyro = |_| Vector3::zeros();
         b.turn(200.0);
+        // Each heading comes from one sample alone.
+        assert_eq!(b.shown(), (false, true));
     }),
     ("the gyro has another sign", good, |b| {
         b.gyro = |rate| -rate;
         b.tumble();
+        assert_eq!(b.shown(), (false, true));
     }),
     ("the magnetometer's axes are exchanged", || Board::new(None), |b| {
         swing(b, |reading| {
             let exchanged = |[x, y, z]: Field| [y, x, z.map(|z| -z)];
             reading.field_mgauss = reading.field_mgauss.map(exchanged);
         });
+        assert_eq!(b.shown(), (false, false));
     }),
     ("the accelerometer's axes are exchanged", || Board::new(None), |b| {
         swing(b, |reading| {
             let exchanged = |force: Vector3<f64>| Vector3::new(force.y, force.x, -force.z);
             reading.specific_force_m_s2 = reading.specific_force_m_s2.map(exchanged);
         });
+        assert_eq!(b.shown(), (false, false));
     }),
     ("the accelerometer reads another unit", good, |b| {
         b.gravity_m_s2 = 1.0;
@@ -200,6 +209,7 @@ const SCENARIOS: &[Scenario] = &[
         for angle_deg in [300.0, -300.0, 300.0, -300.0, 300.0, -300.0, 300.0] {
             b.turn(angle_deg);
         }
+        assert_eq!(b.shown(), (false, true));
     }),
     ("the board turns faster than the gyro can tell", good, |b| {
         b.gyro = |rate| rate.map(|value| value.clamp(-250f64.to_radians(), 250f64.to_radians()));
@@ -228,6 +238,7 @@ const SCENARIOS: &[Scenario] = &[
     ("an axis overflows", good, |b| {
         b.overflow = true;
         b.rest(1.0);
+        assert_eq!(b.mag_status(), MagStatus::HighField);
     }),
     ("an axis reads the same number while the board turns", good, |b| {
         b.stuck_mgauss = Some(200.0);
