@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::{FORGET_MOVING_S, Filter, Input, JITTER_S, LAG_RANGE_S};
-use crate::estimate::covariance::{B, D, E, G, H, M, N, S, SampleJacobian, T, subtract};
+use crate::estimate::covariance::{B, D, G, H, M, N, S, SampleJacobian, T, subtract};
 use crate::estimate::prior::SCALE;
 use crate::reading::STRONGEST_MGAUSS;
 
@@ -171,11 +171,10 @@ impl Filter {
         Vector3::new(here.x, here.y, vertical.copysign(here.z))
     }
 
-    /// Variance of what is white in a sample of a board that turns at this rate, rad/s: noise, jitter, and the products of two
-    /// uncertain states, which linearising neglects. Milligauss².
+    /// Variance of what is white in a sample of a board that turns at this rate, rad/s: noise, jitter, and the product of the field's and
+    /// the matrix's errors, which linearising neglects. Milligauss².
     fn white_noise2(&self, rate_rad_s: &Vector3<f64>) -> f64 {
-        let neglected = self.trace(H, 3) * (self.matrix_variance() + self.trace(E, 2) / 3.0)
-            + rate_rad_s.norm_squared() * self.p[(T, T)] * self.trace(H, 3) / 3.0;
+        let neglected = self.trace(H, 3) * self.matrix_variance();
         let jitter = rate_rad_s.norm() * JITTER_S * self.strength_rms_mgauss;
         self.noise2 + neglected + jitter.powi(2)
     }
