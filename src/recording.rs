@@ -68,7 +68,7 @@ pub struct Header {
 }
 
 impl Header {
-    /// The magnetometer's name, or [`UNKNOWN_SENSOR`].
+    /// The magnetometer's name, or "unknown".
     pub fn sensor_name(&self) -> &str {
         self.sensor.as_deref().unwrap_or(UNKNOWN_SENSOR)
     }
