@@ -36,8 +36,8 @@ mod trim;
 use bias_jump::{BiasJumps, FOUND_AFTER_S};
 pub use bias_walk::BiasWalk;
 use clipping::ClipWatch;
+use clock::EvenClock;
 pub use clock::TICK_S;
-use clock::{ClockStep, EvenClock};
 use filter::AttitudeFilter;
 pub use filter::STILL_TILT_RAD;
 pub use force_readings::GRAVITY_M_S2;
@@ -247,7 +247,8 @@ impl Attitude {
         let (filter, past, seam) = (&mut self.filter, &mut self.past, &mut self.seam);
         let bias_jumps = &mut self.bias_jumps;
         let (mut seam_found, mut bias_jump) = (false, None);
-        let step = self.clock.take(t_s, rate, |end_s, mean_rate| {
+        let gap = self.clock.gap_before(t_s);
+        let taken = self.clock.take(t_s, rate, |end_s, mean_rate| {
             let tick = filter.tick(end_s, mean_rate);
             past.take(&tick);
             bias_jump = bias_jumps
@@ -263,8 +264,8 @@ impl Attitude {
         if seam_found {
             self.filter.errors.doubt_bias(RESTART_BIAS_RAD_S);
         }
-        let reads_again = step != ClockStep::Ignored && self.clip.take(&chip);
-        if seam_found || step == ClockStep::Restarted || reads_again {
+        let reads_again = taken && self.clip.take(&chip);
+        if seam_found || gap || reads_again {
             self.lose_frame();
         }
     }

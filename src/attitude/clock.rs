@@ -5,17 +5,6 @@ use nalgebra::Vector3;
 /// Length of a tick, seconds.
 pub const TICK_S: f64 = 0.01;
 
-/// What a reading did to the clock.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ClockStep {
-    /// It continues the integration, or starts the first one.
-    Continued,
-    /// It came after a gap: the clock restarts here.
-    Restarted,
-    /// It was older than the newest one, or a repetition of it.
-    Ignored,
-}
-
 /// The gyro's rate as a line from reading to reading, integrated exactly over each tick.
 #[derive(Default)]
 pub(super) struct EvenClock {
@@ -35,24 +24,22 @@ impl EvenClock {
         }
     }
 
-    /// Takes a reading and calls `on_tick` with the end and the mean rate of each tick it completes.
+    /// Takes a reading and calls `on_tick` with the end and the mean rate of each tick it completes. After a gap the clock restarts.
+    /// Returns `false` if the reading was older than the newest one, or a repetition of it.
     pub(super) fn take(
         &mut self,
         t_s: f64,
         rate: Vector3<f64>,
         mut on_tick: impl FnMut(f64, Vector3<f64>),
-    ) -> ClockStep {
-        let Some((mut from_s, mut from_rate)) = self.newest else {
+    ) -> bool {
+        let before = self.newest.filter(|_| !self.gap_before(t_s));
+        let Some((mut from_s, mut from_rate)) = before else {
             self.start(t_s, rate);
-            return ClockStep::Continued;
+            return true;
         };
         let span_s = t_s - from_s;
-        if self.gap_before(t_s) {
-            self.start(t_s, rate);
-            return ClockStep::Restarted;
-        }
         if span_s <= 0.0 {
-            return ClockStep::Ignored;
+            return false;
         }
         let slope = (rate - from_rate) / span_s;
         loop {
@@ -70,7 +57,7 @@ impl EvenClock {
         }
         self.open_rad += (from_rate + rate) * (0.5 * (t_s - from_s));
         self.newest = Some((t_s, rate));
-        ClockStep::Continued
+        true
     }
 
     /// Whether the newest reading is further from `t_s` than a gap.
@@ -134,15 +121,13 @@ mod tests {
         let mut clock = EvenClock::new(0.5);
         let rate = Vector3::x();
         let mut ticks = 0;
-        let steps: Vec<ClockStep> = [0.0, 0.2, 0.2, 0.1, 1.0, 1.05, 0.3]
-            .into_iter()
-            .map(|t| clock.take(t, rate, |_, _| ticks += 1))
-            .collect();
-        use ClockStep::*;
+        let taken = [0.0, 0.2, 0.2, 0.1, 1.0, 1.05, 0.3]
+            .map(|t| (clock.gap_before(t), clock.take(t, rate, |_, _| ticks += 1)));
+        let (goes_on, ignored, restarts) = ((false, true), (false, false), (true, true));
         assert_eq!(
-            steps,
+            taken,
             [
-                Continued, Continued, Ignored, Ignored, Restarted, Continued, Restarted
+                goes_on, goes_on, ignored, ignored, restarts, goes_on, restarts
             ]
         );
         assert!((24..=25).contains(&ticks));

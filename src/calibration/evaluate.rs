@@ -249,9 +249,8 @@ impl TurnFit<'_> {
         let sightings = self.sightings(points, |index| &curves[part_of[index]], fits);
         match self.plan.mode {
             Mode::Planar => {
-                let [e1, e2] = self.plan.basis;
-                let normal_body = self.request.mounting.to_body(e1.cross(&e2));
-                gyro_agreement::planar(&sightings, &normal_body)
+                let to_body = |axis| self.request.mounting.to_body(axis);
+                gyro_agreement::planar(&sightings, self.plan.basis.map(to_body))
             }
             Mode::Spatial => gyro_agreement::spatial(&sightings),
         }

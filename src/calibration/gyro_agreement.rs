@@ -33,17 +33,10 @@ pub struct Sighting {
 /// How many sightings an agreement needs at least.
 const LEAST: usize = 20;
 
-/// In the plane across `normal_body`: the angle of the field in the plane turns back by as much as the
+/// In a plane with this orthonormal basis, body axes: the angle of the field in the plane turns back by as much as the
 /// board turns about the normal.
-pub fn planar(sightings: &[Sighting], normal_body: &Vector3<f64>) -> Option<GyroAgreement> {
-    let normal = Unit::try_new(*normal_body, 1e-9)?;
-    let first = if normal.x.abs() < 0.9 {
-        Vector3::x()
-    } else {
-        Vector3::y()
-    };
-    let e1 = Unit::new_normalize(first - normal.scale(normal.dot(&first)));
-    let e2 = normal.cross(&e1);
+pub fn planar(sightings: &[Sighting], [e1, e2]: [Vector3<f64>; 2]) -> Option<GyroAgreement> {
+    let normal = e1.cross(&e2);
     let angle = |sighting: &Sighting, turned_rad: f64| {
         let field = &sighting.field_body;
         field.dot(&e2).atan2(field.dot(&e1)) + turned_rad
@@ -245,7 +238,7 @@ mod tests {
     #[test]
     fn a_field_that_turns_as_the_gyro_says_agrees() {
         for found in [
-            planar(&turning(0.9, 0.9, 400), &Vector3::z()).unwrap(),
+            planar(&turning(0.9, 0.9, 400), [Vector3::x(), Vector3::y()]).unwrap(),
             spatial(&turning(0.9, 0.9, 400)).unwrap(),
         ] {
             assert!(
@@ -258,7 +251,7 @@ mod tests {
     #[test]
     fn the_drift_tells_a_wrong_scale_and_a_wrong_sign() {
         for (seen, share) in [(0.45, 0.5), (-0.9, 2.0)] {
-            let plane = planar(&turning(0.9, seen, 400), &Vector3::z()).unwrap();
+            let plane = planar(&turning(0.9, seen, 400), [Vector3::x(), Vector3::y()]).unwrap();
             let space = spatial(&turning(0.9, seen, 400)).unwrap();
             assert!((plane.drift_share - share).abs() < 0.02, "{plane:?}");
             assert!((space.drift_share - share).abs() < 0.02, "{space:?}");
@@ -273,7 +266,7 @@ mod tests {
             sighting.field_body =
                 UnitQuaternion::from_scaled_axis(Vector3::z() * wobble) * sighting.field_body;
         }
-        let found = planar(&sightings, &Vector3::z()).unwrap();
+        let found = planar(&sightings, [Vector3::x(), Vector3::y()]).unwrap();
         assert!(
             (found.rms_deg - (0.1f64 / 2f64.sqrt()).to_degrees()).abs() < 0.05,
             "{found:?}"
@@ -290,7 +283,7 @@ mod tests {
             let aside = UnitQuaternion::from_scaled_axis(Vector3::z() * -0.1 * angle);
             sightings[index + 1].field_body = aside * sightings[index + 1].field_body;
         }
-        let found = planar(&sightings, &Vector3::z()).unwrap();
+        let found = planar(&sightings, [Vector3::x(), Vector3::y()]).unwrap();
         assert!(found.drift_share < 0.01 && found.rms_deg < 2.0, "{found:?}");
     }
 
@@ -303,7 +296,10 @@ mod tests {
 
     #[test]
     fn too_few_sightings_say_nothing() {
-        assert_eq!(planar(&turning(0.9, 0.9, 19), &Vector3::z()), None);
+        assert_eq!(
+            planar(&turning(0.9, 0.9, 19), [Vector3::x(), Vector3::y()]),
+            None
+        );
         assert_eq!(dip_spread_deg(&[]), None);
     }
 }
