@@ -5,6 +5,9 @@ use std::io::{self, BufRead, ErrorKind};
 /// The longest line that is kept, bytes. No device's line comes near it, nor a row of eleven numbers, however they are printed.
 const LONGEST_LINE: usize = 4096;
 
+/// After so many bytes of a log without an end of the line nothing more is expected: a device may go on for ever.
+const LONGEST_SKIPPED: usize = 64 << 20;
+
 /// What came next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CutLine {
@@ -97,7 +100,8 @@ impl<R: BufRead> LogLines<R> {
     }
 
     pub(super) fn advance(&mut self) -> io::Result<LogLine> {
-        loop {
+        let mut read = 0;
+        while read < LONGEST_SKIPPED {
             let bytes = match self.input.fill_buf() {
                 Err(error) if error.kind() == ErrorKind::Interrupted => continue,
                 bytes => bytes?,
@@ -115,11 +119,16 @@ impl<R: BufRead> LogLines<R> {
             let found = self.cutter.next(&mut rest);
             let used = bytes.len() - rest.len();
             self.input.consume(used);
+            read += used;
             if let Some(line) = found {
                 self.number += 1;
                 return Ok(LogLine::Cut(line));
             }
         }
+        Err(io::Error::new(
+            ErrorKind::InvalidData,
+            "a line without end is in no log",
+        ))
     }
 }
 
@@ -138,6 +147,14 @@ mod tests {
         assert_eq!((lines.text(), lines.number), (&b"next"[..], 2));
         assert!(lines.cutter.kept.capacity() <= 2 * LONGEST_LINE);
         assert_eq!(lines.advance().unwrap(), LogLine::End);
+    }
+
+    #[test]
+    fn an_endless_line_is_an_error() {
+        let mut lines = LogLines::new(BufReader::new(io::repeat(0)));
+        assert_eq!(lines.advance().unwrap(), LogLine::Cut(CutLine::TooLong));
+        let error = lines.advance().unwrap_err();
+        assert_eq!(error.to_string(), "a line without end is in no log");
     }
 
     #[test]
