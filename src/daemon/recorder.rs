@@ -197,6 +197,7 @@ impl RecorderThread {
                 Some(opened) => opened,
                 None if first.is_err() => return Ok(()),
                 None => {
+                    self.claim_ring()?;
                     self.leave_reserve(None)?;
                     self.retrying(|| self.open())?
                 }
@@ -237,17 +238,31 @@ impl RecorderThread {
                 (path.clone(), file)
             }
             Destination::Ring(settings) => {
-                let folder = &settings.directory;
-                let next = || {
-                    fs::create_dir_all(folder)?;
-                    if self.ring_lock.get().is_none() {
-                        let _ = self.ring_lock.set(LockFile::of_folder(folder)?);
-                    }
-                    ring::next(folder, settings.files, settings.file_bytes())
-                };
-                next().map_err(RecordError::of(true, folder))?
+                ring::next(&settings.directory, settings.files, settings.file_bytes())
+                    .map_err(RecordError::of(true, &settings.directory))?
             }
         })
+    }
+
+    /// Makes the ring's folder and takes its lock, trying until that succeeds: another daemon's logs are not removed.
+    fn claim_ring(&self) -> Result<(), RecordError> {
+        let Destination::Ring(settings) = &self.destination else {
+            return Ok(());
+        };
+        let folder = &settings.directory;
+        let claim = || {
+            fs::create_dir_all(folder)?;
+            if self.ring_lock.get().is_none() {
+                let _ = self.ring_lock.set(LockFile::of_folder(folder)?);
+            }
+            Ok(())
+        };
+        while let Err(error) = claim().map_err(RecordError::of(true, folder)) {
+            if !self.pause(&error) {
+                return Err(error);
+            }
+        }
+        Ok(())
     }
 
     /// Whether somebody has removed this log of the ring. What cannot be found out is taken to be there.

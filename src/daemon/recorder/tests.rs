@@ -52,12 +52,12 @@ fn a_ring_is_one_daemons_at_a_time() {
     lock.lock().unwrap();
     writeln!(lock, "17").unwrap();
     let recorder = recorder(ring_in(folder.path()));
-    let error = recorder.open().unwrap_err();
+    let error = recorder.claim_ring().unwrap_err();
     let message = error.to_string() + &remedy::of_folder(&error.source, "record.directory");
     assert!(message.contains("(process 17)"), "{message}");
     assert!(message.contains("another record.directory"), "{message}");
     lock.unlock().unwrap();
-    recorder.open().unwrap();
+    recorder.claim_ring().unwrap();
 }
 
 #[test]
