@@ -19,3 +19,5 @@ pub mod request;
 pub mod server;
 mod signalk;
 mod socket_file;
+
+pub(crate) use clients::OUT_OF_FILES;

@@ -2,10 +2,8 @@
 
 use std::io::{self, ErrorKind};
 
+use crate::publish::OUT_OF_FILES;
 use crate::store::StoreError;
-
-const OUT_OF_FILES: &str =
-    "serve fewer clients, or raise the limit of open files (LimitNOFILE= in the systemd unit)";
 
 /// The error, and what helps.
 pub(super) fn with_remedy(error: &StoreError) -> String {

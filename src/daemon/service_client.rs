@@ -60,13 +60,12 @@ impl ServiceClient {
     pub(super) async fn connect(socket: &Path) -> Result<Self, ListenError> {
         let failed = |what| ListenError::new(socket, what);
         let broken = |error| failed(format!("the connection failed: {error}"));
-        let mut stream = UnixStream::connect(socket).await.map_err(|error| {
-            let connected = false;
-            ListenError {
-                connected,
+        let mut stream = UnixStream::connect(socket)
+            .await
+            .map_err(|error| ListenError {
+                connected: false,
                 ..broken(error)
-            }
-        })?;
+            })?;
         match stream.write_all(REQUEST).await {
             // It has hung up, and may have said why: a service that is full does.
             Err(error) if error.kind() == ErrorKind::BrokenPipe => {}

@@ -21,6 +21,9 @@ use super::socket_file::OpenSocket;
 /// How long clients have at the end to take what is on its way to them.
 const FAREWELL: Duration = Duration::from_millis(80);
 
+/// What helps where the process, or the system, has reached its limit of open files.
+pub(crate) const OUT_OF_FILES: &str = "serve fewer clients (socket.max_clients), or raise the limit of open files (LimitNOFILE= in the systemd unit)";
+
 /// Pauses after a failed accept: the first, doubled each time up to the last.
 const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
 
@@ -86,8 +89,7 @@ where
                 // Out of file descriptors, as a rule; the client stays in the queue. Once an episode.
                 if pause.is_none() {
                     tracing::warn!(
-                        "cannot accept a client, will try again: {error}; serve fewer clients (socket.max_clients), or raise the \
-                         limit of open files (LimitNOFILE= in the systemd unit)"
+                        "cannot accept a client, will try again: {error}; {OUT_OF_FILES}"
                     );
                 }
                 pause = Some(pause.map_or(PAUSES.0, |last: Duration| (last * 2).min(PAUSES.1)));

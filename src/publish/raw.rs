@@ -1,6 +1,8 @@
 //! Raw readings as objects of the dialect, written and read back: the header and the rows of a log, for clients that
 //! ask for them.
 
+use std::fmt::Write;
+
 use nalgebra::Vector3;
 use serde::Deserialize;
 use serde_json::Value;
@@ -65,7 +67,8 @@ pub(super) fn reading(seq: u64, reading: &Reading) -> String {
     let mut line = format!(r#"{{"class":"READING","seq":{seq},"t_s":{t_s}"#);
     for (name, cell) in COLUMNS[1..].iter().zip(reading.cells().as_flattened()) {
         if let Some(number) = cell {
-            line += &format!(r#","{name}":{}"#, Value::from(*number));
+            // Writing to a String does not fail.
+            let _ = write!(line, r#","{name}":{}"#, Value::from(*number));
         }
     }
     line + "}"
