@@ -1,9 +1,8 @@
 //! Where a command finds its configuration: the file that `--config` names, or else the same one for all commands.
 
 use std::env;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Read};
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use super::{Failure, OrFail, tell};
@@ -78,14 +77,9 @@ pub fn read(path: &Path) -> Result<Config, Failure> {
 
 /// Opens a regular file. A pipe may have nobody who writes to it, and a device may have no end.
 fn open_regular(path: &Path) -> io::Result<File> {
-    let mut options = File::options();
-    let file = options
-        .read(true)
-        .custom_flags(libc::O_NONBLOCK)
-        .open(path)?;
-    let found = file.metadata()?;
+    let found = fs::metadata(path)?;
     if found.is_file() || found.is_dir() {
-        return Ok(file);
+        return File::open(path);
     }
     let what = "it is no regular file, but a pipe, a device or a socket";
     Err(io::Error::new(io::ErrorKind::InvalidInput, what))

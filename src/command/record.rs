@@ -12,8 +12,8 @@ use crate::logging::Log;
 /// Record raw readings into a log, until told to stop
 ///
 /// Where a service runs, records that service's raw readings and does not disturb it: of the configuration only the
-/// socket's path is used. Otherwise reads the configured source as the daemon does, and serves headings meanwhile, if the
-/// socket is free; `record` itself neither reads nor keeps calibrations. Says with the first reading where they come from, and
+/// socket's path is used. Otherwise reads the configured source as the daemon does, and serves headings meanwhile;
+/// `record` itself neither reads nor keeps calibrations. Says with the first reading where they come from, and
 /// at the end how many there were; none is a failure.
 /// "headingd replay" and "headingd calibrate" read the log.
 #[derive(Clone, Debug, clap::Args)]

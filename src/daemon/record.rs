@@ -1,4 +1,4 @@
-//! Recording into one log: the readings of a running service, of a daemon of its own, or of the source alone.
+//! Recording into one log: the readings of a running service, or of a daemon of its own.
 
 use std::fmt;
 use std::future::Future;
@@ -6,6 +6,7 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use tempfile::TempDir;
 use tokio::time::timeout;
 
 use super::recorder::{RecordError, Recorder};
@@ -15,21 +16,22 @@ use super::{Daemon, DaemonError};
 use crate::config::source::Kind;
 use crate::config::{Config, record};
 use crate::publish::server::BindFault;
-use crate::sensor::SourceEvent;
 use crate::service::Service;
 
 /// At the end a disk that hangs is waited for this long.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 pub struct Recording {
-    config: Config,
+    kind: Option<Kind>,
     origin: ReadingsFrom,
+    /// Holds the socket if it cannot be where it is configured. Dropped, it is removed.
+    folder: Option<TempDir>,
 }
 
 impl Recording {
-    /// Finds the readings: those of the service on the configuration's socket, or else of the configuration's source.
-    /// Then headings are served meanwhile, as by the daemon; where there can be no socket it says so and records all
-    /// the same. Without a source a service must be there.
+    /// Finds the readings: those of the service on the configuration's socket, or else of the configuration's source. Of the
+    /// source headings are served meanwhile, as by the daemon: on a socket in a temporary folder if that of the configuration
+    /// cannot be bound. Without a source a service must be there.
     pub async fn open(config: &Config) -> Result<Self, DaemonError> {
         // One recording is enough. It needs no calibrations, and the store belongs to the service.
         let mut config = Config {
@@ -37,11 +39,15 @@ impl Recording {
             ..config.clone()
         };
         config.store.directory = PathBuf::new();
+        let kind = config.source.kind;
         // Ask the service first: a pipe that is opened twice splits its rows between both readers.
         let service = match ServiceClient::connect(&config.socket.socket).await {
             Ok(client) => {
-                let origin = ReadingsFrom::Service(Box::new(client));
-                return Ok(Self { config, origin });
+                return Ok(Self {
+                    kind,
+                    origin: ReadingsFrom::Service(Box::new(client)),
+                    folder: None,
+                });
             }
             Err(service) if service.connected => return Err(service.into()),
             Err(service) => service,
@@ -51,20 +57,29 @@ impl Recording {
             opened => opened?,
         };
         let mut sockets = Service::default();
-        let origin = match super::bind(&config, &mut sockets, &source) {
+        let mut folder = None;
+        let server = match super::bind(&config, &mut sockets, &source) {
             Err(error) if matches!(error.why, BindFault::Busy(_)) => return Err(service.into()),
             // A service may be there: two readers of the same chips would disturb each other.
             Err(error) if matches!(error.why, BindFault::Unsure(_)) => return Err(error.into()),
             Err(error) => {
-                tracing::warn!("{error}; recording without a socket");
-                ReadingsFrom::Source(Box::new(source))
+                let Ok(made) = tempfile::Builder::new().prefix("headingd-").tempdir() else {
+                    return Err(error.into());
+                };
+                tracing::warn!("{error}; recording with a socket in a temporary folder");
+                config.socket.socket = made.path().join("heading.sock");
+                config.control.socket = PathBuf::new();
+                folder = Some(made);
+                super::bind(&config, &mut sockets, &source)?
             }
-            Ok(server) => {
-                let daemon = Daemon::serving_on(source, server, &config, sockets)?;
-                ReadingsFrom::Daemon(Box::new(daemon))
-            }
+            Ok(server) => server,
         };
-        Ok(Self { config, origin })
+        let daemon = Daemon::serving_on(source, server, &config, sockets)?;
+        Ok(Self {
+            kind,
+            origin: ReadingsFrom::Daemon(Box::new(daemon)),
+            folder,
+        })
     }
 
     /// Records into one log until the readings are at their end, the log cannot be written, or `shutdown` is ready; calls
@@ -78,7 +93,6 @@ impl Recording {
         let header = match &self.origin {
             ReadingsFrom::Daemon(daemon) => daemon.session.source.header.clone(),
             ReadingsFrom::Service(client) => client.header.clone(),
-            ReadingsFrom::Source(source) => source.header.clone(),
         };
         let (mut recorder, mut ending) = match Recorder::file(out, header) {
             Ok(started) => started,
@@ -98,10 +112,8 @@ impl Recording {
                 daemon.run_until(stop).await
             }
             ReadingsFrom::Service(client) => from_service(*client, recorder, stop).await,
-            ReadingsFrom::Source(source) => {
-                from_source(*source, self.config.source.pace(), recorder, stop).await
-            }
         };
+        drop(self.folder);
         let end = match early {
             Some(end) => end,
             None => timeout(PATIENCE, ending).await.unwrap_or_else(|_| {
@@ -123,9 +135,8 @@ impl fmt::Display for Recording {
                 return write!(f, "the service at {}", client.socket.display());
             }
             ReadingsFrom::Daemon(daemon) => &daemon.session.source,
-            ReadingsFrom::Source(source) => source,
         };
-        match self.config.source.kind {
+        match self.kind {
             Some(Kind::Simulator) => f.write_str("a simulated board"),
             Some(Kind::Replay) => write!(f, "the log {}", source.name),
             _ => f.write_str(&source.name),
@@ -136,7 +147,6 @@ impl fmt::Display for Recording {
 enum ReadingsFrom {
     Daemon(Box<Daemon>),
     Service(Box<ServiceClient>),
-    Source(Box<SourceTask>),
 }
 
 async fn from_service(
@@ -151,40 +161,4 @@ async fn from_service(
     client.conclude();
     recorder.close(PATIENCE).await;
     Ok(ended?)
-}
-
-/// Records straight from the source, without serving headings.
-async fn from_source(
-    mut source: SourceTask,
-    speed: f64,
-    mut recorder: Recorder,
-    shutdown: impl Future<Output = ()>,
-) -> Result<(), DaemonError> {
-    source.start(speed)?;
-    let listen = async {
-        loop {
-            for event in source.next().await {
-                match event {
-                    SourceEvent::Reading(reading, _) => recorder.take(reading),
-                    // The log that is written has the times of the one that is read.
-                    SourceEvent::NewStretch => {}
-                    SourceEvent::Fault(Some(fault)) => tracing::warn!("{}", fault.message),
-                    SourceEvent::Fault(None) => tracing::info!("there are readings again"),
-                    SourceEvent::End(None) => return Ok(()),
-                    SourceEvent::End(Some(summary)) => return Err(DaemonError::Unusable(summary)),
-                    SourceEvent::Broken(fault) => {
-                        tracing::error!("{}", fault.message);
-                        return Ok(());
-                    }
-                }
-            }
-        }
-    };
-    let heard = tokio::select! {
-        () = shutdown => Ok(()),
-        heard = listen => heard,
-    };
-    source.stop().await;
-    recorder.close(PATIENCE).await;
-    heard
 }

@@ -164,9 +164,6 @@ impl ServiceClient {
                     Ok(header) => return Ok(header),
                     Err(error) => error.to_string(),
                 },
-                Some(Object::Watch { readings: false }) => {
-                    "it hands out no raw readings, as an older version does; start it anew, or stop it".to_owned()
-                }
                 Some(Object::Error { message }) => format!("it says: {message}"),
                 Some(_) => continue,
                 None => "it has hung up".to_owned(),

@@ -21,11 +21,6 @@ pub enum Object {
         header: String,
     },
     Reading(Row),
-    Watch {
-        /// Whether that is raw readings, too. An older service has no such key.
-        #[serde(default)]
-        readings: bool,
-    },
     State {
         cal_state: String,
         message: String,
