@@ -17,6 +17,8 @@ const RESTING_RAD: f64 = 0.01;
 const REST_S: f64 = 0.5;
 /// Rest is looked for in the last seconds before the turn: the gyro has hardly drifted since.
 const REST_BEFORE_S: f64 = 5.0;
+/// The two samples of a rest are not further apart, seconds: at 1 Hz a sample is missing between them.
+const MOST_APART_S: f64 = 2.0;
 
 /// One magnetometer sample, as a calibration sees it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,49 +73,40 @@ impl CompletedTurn {
 }
 
 /// The earliest sample at rest within the last seconds of these, with the median field of that rest: a single sample may be a spike.
-/// The samples are in order of time and end where a turn begins.
+/// The samples are in order of time and end where a turn begins. It begins gently, so that the last sample at rest may be one of the turn.
 pub fn last_rest<'a>(
-    samples: impl DoubleEndedIterator<Item = &'a FieldSample> + Clone,
+    samples: impl DoubleEndedIterator<Item = &'a FieldSample>,
 ) -> Option<FieldSample> {
-    let mut rest = begin_of_last_rest(samples.clone())?;
+    let mut backwards = samples.rev().peekable();
+    let ends_s = backwards.peek()?.t_s;
+    let within = |most_s: f64| move |sample: &&FieldSample| ends_s - sample.t_s < most_s;
+    let recent: Vec<&FieldSample> = backwards
+        .take_while(within(REST_BEFORE_S + MOST_APART_S))
+        .collect();
+    let begin_of_rest = |last: &&FieldSample| {
+        let first = (recent.iter()).find(|first| last.t_s - first.t_s >= REST_S)?;
+        rests_between(first, last).then_some(**first)
+    };
+    let earliest_first = recent.iter().rev().copied();
+    let mut rest = earliest_first
+        .filter(within(REST_BEFORE_S))
+        .find_map(|last| begin_of_rest(&last))?;
     let lasts = rest.t_s..=rest.t_s + REST_S;
-    let resting = samples.filter(|sample| lasts.contains(&sample.t_s));
-    let fields: Vec<Vector3<f64>> = resting.map(|sample| sample.field_mgauss).collect();
     for axis in 0..3 {
-        let mut values: Vec<f64> = fields.iter().map(|field| field[axis]).collect();
+        let resting = recent.iter().filter(|sample| lasts.contains(&sample.t_s));
+        let mut values: Vec<f64> = resting.map(|sample| sample.field_mgauss[axis]).collect();
         rest.field_mgauss[axis] = median(&mut values)?;
     }
     Some(rest)
 }
 
-/// The sample that rest began with. A turn begins gently, so that the last sample at rest may be one of the turn.
-fn begin_of_last_rest<'a>(
-    samples: impl DoubleEndedIterator<Item = &'a FieldSample> + Clone,
-) -> Option<FieldSample> {
-    let ends_s = samples.clone().next_back()?.t_s;
-    let mut earlier = samples.clone().rev();
-    let lasts = samples
-        .rev()
-        .take_while(|sample| ends_s - sample.t_s < REST_BEFORE_S);
-    // Both go back in time, one ahead of the other.
-    let mut first = earlier.next()?;
-    let mut rest = None;
-    for last in lasts {
-        while last.t_s - first.t_s < REST_S {
-            match earlier.next() {
-                Some(sample) => first = sample,
-                None => return rest,
-            }
-        }
-        let (Some(now), Some(then)) = (last.pose, first.pose) else {
-            continue;
-        };
-        let turned_rad = now.orientation.angle_to(&then.orientation);
-        if now.frame_id == then.frame_id && turned_rad < RESTING_RAD {
-            rest = Some(*first);
-        }
-    }
-    rest
+/// Whether the board hardly turns from one sample to the other.
+fn rests_between(first: &FieldSample, last: &FieldSample) -> bool {
+    let (Some(then), Some(now)) = (first.pose, last.pose) else {
+        return false;
+    };
+    let turned_rad = now.orientation.angle_to(&then.orientation);
+    now.frame_id == then.frame_id && turned_rad < RESTING_RAD
 }
 
 /// The samples, in order of time, from one moment to another. Both moments are included: only between the samples at both ends
