@@ -3,7 +3,9 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
+
+use rustix::time::{ClockId, clock_gettime};
 
 /// A waiting thread checks this often whether it must stop.
 const LOOK: Duration = Duration::from_millis(50);
@@ -18,10 +20,18 @@ pub trait Clock {
     fn wait_until(&mut self, t_s: f64) -> bool;
 }
 
-/// The system's monotonic clock.
+/// Time since boot, with the time for which the machine was suspended: readings then show the gap, in which the board may have turned.
+/// An `Instant` does not count that time.
+pub(super) fn since_boot() -> Duration {
+    let now = clock_gettime(ClockId::Boottime);
+    // The kernel's value is normalised and not negative.
+    Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
+}
+
+/// The system's clock, which never goes back.
 #[derive(Clone, Debug)]
 pub struct SystemClock {
-    origin: Instant,
+    origin: Duration,
     stop: Arc<AtomicBool>,
 }
 
@@ -29,7 +39,7 @@ impl SystemClock {
     /// A clock that begins now, and whose waiting ends when `stop` becomes true.
     pub fn new(stop: Arc<AtomicBool>) -> Self {
         Self {
-            origin: Instant::now(),
+            origin: since_boot(),
             stop,
         }
     }
@@ -37,7 +47,7 @@ impl SystemClock {
 
 impl Clock for SystemClock {
     fn now_s(&self) -> f64 {
-        self.origin.elapsed().as_secs_f64()
+        (since_boot() - self.origin).as_secs_f64()
     }
 
     fn wait_until(&mut self, t_s: f64) -> bool {

@@ -17,6 +17,7 @@ use super::settings::{Protocol, Settings};
 use crate::condition::SourceFault;
 use crate::frame::Mountings;
 use crate::sensor::SourceEvent;
+use crate::sensor::clock::since_boot;
 
 /// Interval at which `stop` is checked.
 const LOOK: Duration = Duration::from_millis(50);
@@ -33,8 +34,8 @@ pub struct Bridge {
     settings: Settings,
     /// What is known of the device's log rows.
     log_rows: LogRows,
-    /// Origin of the readings' times.
-    origin: Instant,
+    /// Origin of the readings' times, since boot.
+    origin: Duration,
     /// The port, while it is open.
     port: Option<(SerialStream, PortSession)>,
     /// When to try to open it, and the pause after that.
@@ -53,13 +54,12 @@ pub struct Bridge {
 impl Bridge {
     /// Opens nothing yet. Readings come out in the axes of chips that are mounted like `board`.
     pub fn new(settings: &Settings, board: Mountings) -> Self {
-        let origin = Instant::now();
         Self {
             settings: settings.clone(),
             log_rows: LogRows::new(board),
-            origin,
+            origin: since_boot(),
             port: None,
-            retry: origin,
+            retry: Instant::now(),
             pause: PAUSES.0,
             waiting: VecDeque::new(),
             trouble: None,
@@ -136,7 +136,7 @@ impl Bridge {
 
     /// Takes what a read came to; `None`: nothing came. Returns why the port is gone, if it is.
     fn take(&mut self, read: Option<io::Result<usize>>) -> Option<String> {
-        let now_s = self.now_s();
+        let (now_s, now) = (self.now_s(), Instant::now());
         let (_, session) = self.port.as_mut()?;
         let away_s = now_s - self.looked_s;
         self.looked_s = now_s;
@@ -162,11 +162,12 @@ impl Bridge {
                     // Each port has its own clock, but times never decrease.
                     reading.t_s = reading.t_s.max(self.last_s);
                     self.last_s = reading.t_s;
-                    let taken = self.origin + Duration::from_secs_f64(reading.t_s);
+                    let age = Duration::from_secs_f64((now_s - reading.t_s).max(0.0));
+                    let taken = now.checked_sub(age).unwrap_or(now);
                     self.waiting.push_back(SourceEvent::Reading(reading, taken));
                 }
                 let protocol = session.decoder.protocol;
-                if protocol != self.found && protocol != Protocol::Auto {
+                if protocol != self.found && session.good > 0 {
                     self.found = protocol;
                     let (port, name) = (self.settings.port.display(), self.found.name());
                     tracing::info!("the device at {port} sends {name}");
@@ -224,6 +225,6 @@ impl Bridge {
     }
 
     fn now_s(&self) -> f64 {
-        self.origin.elapsed().as_secs_f64()
+        (since_boot() - self.origin).as_secs_f64()
     }
 }

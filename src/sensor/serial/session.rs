@@ -13,8 +13,7 @@ use crate::reading::Reading;
 
 /// A device of unknown kind is listened to before it is asked.
 const LISTEN_S: f64 = 2.0;
-/// A device has this long to boot, to be asked and to send its first reading; more than the authors' client
-/// gives it.
+/// Time for a device to boot, to be asked and to send its first field; more than the authors' client gives it.
 const FIRST_S: f64 = 6.0;
 /// Without a field for this long something is wrong.
 const NEXT_S: f64 = 2.0;
@@ -26,7 +25,7 @@ pub(super) struct Orders {
     pub(super) send: Option<&'static [u8]>,
     /// A fault to report, once.
     pub(super) trouble: Option<SourceFault>,
-    /// How many lines were refused, to be told in the log.
+    /// A line for the log about refused lines, when one is due.
     pub(super) refused: Option<String>,
     /// The port is to be closed and opened again.
     pub(super) reopen: bool,
@@ -41,16 +40,14 @@ pub(super) struct PortSession {
     device: DeviceClock,
     diagnosis: Diagnosis,
     heard_s: f64,
-    /// When the last reading came, or row that waits for a header; before the first, when the port was opened.
+    /// Time of the last reading, or of the last row that waits for a header; at first, when the port was opened.
     good_s: f64,
     /// When the last field came, or the port was opened: without one, the other readings are of no use.
     field_s: f64,
     /// Readings so far.
-    good: u64,
+    pub(super) good: u64,
     /// Lines refused since the first reading.
     bad: u64,
-    /// The log is told when `bad` reaches this.
-    tell_at: u64,
     refused: Option<String>,
     /// How long a field may be missing before that is told, seconds; infinite once it has been.
     patience_s: f64,
@@ -74,7 +71,6 @@ impl PortSession {
             field_s: now_s,
             good: 0,
             bad: 0,
-            tell_at: 1,
             refused: None,
             patience_s: FIRST_S,
         }
@@ -144,7 +140,8 @@ impl PortSession {
             Item::Bad(why) | Item::BadHeader(why) if self.good > 0 => self.count_bad(why),
             _ => {}
         }
-        // Rows show that the device has booted. It is not told at once, since the first may date from before the reset.
+        // Rows prove that the device has booted, so the fault is due sooner; not at once, since the first rows may date from
+        // before the reset.
         if self.good == 0 && self.diagnosis.first_lacks_header(&item) {
             self.patience_s = NEXT_S;
         }
@@ -154,16 +151,16 @@ impl PortSession {
     /// Counts a line that was refused.
     fn count_bad(&mut self, why: &str) {
         self.bad += 1;
-        if self.bad == self.tell_at {
-            self.tell_at *= 10;
+        // At the first, the tenth, the hundredth …
+        if self.bad == 10u64.pow(self.bad.ilog10()) {
             self.refused = Some(format!(
-                "lines refused: {}, readings beside them: {}; the last: {why}",
+                "lines refused so far: {}, readings used: {}; the last line: {why}",
                 self.bad, self.good
             ));
         }
     }
 
-    /// What the time asks for.
+    /// Returns what is due at this time.
     pub(super) fn orders(&mut self, now_s: f64) -> Orders {
         if now_s - self.heard_s > NEXT_S {
             self.start.ask_again(now_s);
@@ -290,9 +287,9 @@ mod tests {
         assert!(told(said(&mut rows, 1, 1, good)).is_empty());
         let told = told(said(&mut rows, 2, 12, &format!("{good}9,9*00\n")));
         let begins = [
-            "lines refused: 1, readings beside them: 11;",
-            "lines refused: 10, readings beside them: 20;",
-            "lines refused: 100, readings beside them: 110;",
+            "lines refused so far: 1, readings used: 11;",
+            "lines refused so far: 10, readings used: 20;",
+            "lines refused so far: 100, readings used: 110;",
         ];
         assert_eq!(told.len(), begins.len(), "{told:?}");
         for (told, begins) in told.iter().zip(begins) {
