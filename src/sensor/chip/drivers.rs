@@ -18,8 +18,8 @@ pub const GYRO_ADDRESSES: [u8; 2] = [0x68, 0x69];
 /// See [`GYRO_ADDRESSES`].
 pub const ACCEL_ADDRESSES: [u8; 2] = [0x53, 0x1D];
 
-/// Magnetometers that headingd cannot read, and where they answer.
-const UNSUPPORTED: &[(u8, &str)] = &[(0x2C, "QMC5883P")];
+/// Magnetometers that headingd cannot read: address, content of register 0, name.
+const UNSUPPORTED: &[(u8, u8, &str)] = &[(0x2C, 0x80, "QMC5883P")];
 
 /// The gyros and the accelerometers that a board may have at these addresses.
 pub fn companions(which: Companions, gyro: u8, accel: u8) -> (Vec<Companion>, Vec<Companion>) {
@@ -81,11 +81,10 @@ fn other(bus: &mut dyn Bus, clock: &mut dyn Clock, wanted: &'static str) -> Opti
             "set i2c.magnetometer = \"auto\"",
         ),
         None => {
-            let answers = |(address, _): &&(u8, _)| read_byte(bus, *address, 0).is_ok();
-            let (address, name) = UNSUPPORTED.iter().find(answers)?;
+            let (address, name) = unsupported(bus)?;
             (
-                *address,
-                *name,
+                address,
+                name,
                 "headingd does not support it: get a board with an HMC5883L or a QMC5883L",
             )
         }
@@ -98,15 +97,25 @@ fn other(bus: &mut dyn Bus, clock: &mut dyn Clock, wanted: &'static str) -> Opti
     })
 }
 
-/// The name of the chip that answers at an address, or "unknown".
-pub fn name(bus: &mut dyn Bus, address: u8) -> &'static str {
-    let magnetometer = MAGNETOMETERS
+/// Address and name of the first magnetometer that headingd cannot read.
+fn unsupported(bus: &mut dyn Bus) -> Option<(u8, &'static str)> {
+    let found = UNSUPPORTED
         .iter()
-        .find(|driver| driver.address() == address);
+        .find(|(address, identity, _)| read_byte(bus, *address, 0) == Ok(*identity));
+    found.map(|(address, _, name)| (*address, *name))
+}
+
+/// The name of the chip that answers at an address, or "unknown".
+pub fn name(bus: &mut dyn Bus, clock: &mut dyn Clock, address: u8) -> &'static str {
+    let mut magnetometers = MAGNETOMETERS.iter();
+    let magnetometer = magnetometers.find(|driver| {
+        let chip = Some(driver.chips[0]);
+        driver.address() == address && (driver.identify)(bus, clock, chip).is_ok()
+    });
     if let Some(driver) = magnetometer {
         return driver.name;
     }
-    if let Some((_, name)) = UNSUPPORTED.iter().find(|chip| chip.0 == address) {
+    if let Some((_, name)) = unsupported(bus).filter(|chip| chip.0 == address) {
         return name;
     }
     let (gyros, accels) = companions(Companions::Auto, address, address);
@@ -145,6 +154,9 @@ mod tests {
     fn another_chip_a_clone_and_silence_are_told_apart() {
         let bus = FakeBus::default();
         assert_eq!(code(&bus, "auto"), "no_answer");
+        // A digital potentiometer may answer there.
+        bus.set(0x2C, 0, &[0x40]);
+        assert_eq!(code(&bus, "auto"), "no_answer");
         bus.set(0x2C, 0, &[0x80]);
         assert_eq!(code(&bus, "auto"), "clone");
         bus.set(0x0D, 0x0D, &[0]);
@@ -159,6 +171,17 @@ mod tests {
         assert_eq!(code(&bus, "hmc5883l"), "HMC5883L");
         // It never measures, and another one does.
         assert_eq!(code(&bus, "auto"), "QMC5883L");
+    }
+
+    #[test]
+    fn an_address_alone_names_no_chip() {
+        let bus = FakeBus::default();
+        let mut clock = JumpingClock::default();
+        let mut named = |address| name(&mut bus.clone(), &mut clock, address);
+        bus.set(0x1E, 0x0A, b"abc");
+        assert_eq!(named(0x1E), "unknown");
+        bus.set(0x1E, 0x0A, b"H43");
+        assert_eq!(named(0x1E), hmc5843::DRIVER.name);
     }
 
     /// The numbers that all drivers work by make sense together.

@@ -56,7 +56,7 @@ pub(crate) struct FoundMagnetometer {
 
 impl CheckReport {
     fn problem(&mut self, code: &'static str, message: String) {
-        // The chips are tried more than once; a later message repeats the first, behind the chip's role.
+        // Chips are tried more than once: skip a message that repeats an earlier one after the role ("gyro: …").
         if !self
             .problems
             .iter()
@@ -110,7 +110,7 @@ fn find_chips(report: &mut CheckReport, bus: &mut dyn Bus, clock: &mut dyn Clock
         match read_byte(bus, address, 0) {
             Ok(_) => report.chips.push(FoundChip {
                 address,
-                chip: drivers::name(bus, address),
+                chip: drivers::name(bus, clock, address),
             }),
             Err(error) => match error.cause {
                 Cause::NoAnswer => {}

@@ -4,7 +4,7 @@ use super::VERIFY_S;
 use super::auto_range::AutoRange;
 use super::health::Health;
 use super::settings::{STEADY_HZ, Settings};
-use super::timetable::Timetable;
+use super::timetable::{SLOW, Timetable};
 use crate::sensor::bus::Bus;
 use crate::sensor::chip::drivers::identify;
 use crate::sensor::chip::magnetometer::{ChipSetup, Magnetometer, Measurement, MeasuringMode};
@@ -22,7 +22,7 @@ pub(super) struct MagnetometerPoller {
     /// The chip that the log has been told of.
     told: Option<&'static str>,
     at_work: Option<AtWork>,
-    /// Kept when the chip is set up again: a frozen one may still be.
+    /// Survives a reinitialisation: a frozen chip may stay frozen.
     memory: Memory,
 }
 
@@ -30,7 +30,8 @@ pub(super) struct MagnetometerPoller {
 struct Memory {
     last: Option<[i16; 3]>,
     repeats: RepeatWatch<[i16; 3]>,
-    /// The chip of which two measurements differed. It is not probed again: when frozen or slow it would look like another.
+    /// A chip that has given two different measurements. It is not identified again: frozen or slow, it would be taken for
+    /// another one.
     known: Option<&'static dyn Magnetometer>,
 }
 
@@ -194,14 +195,18 @@ impl AtWork {
         Ok(sample.map(|sample| (now_s, sample)))
     }
 
-    /// RDY need not fall when the data are read or a measurement begins (the data sheet has it low for 250 µs
-    /// alone), so noise tells a new measurement from the one before. A single one that looks the same is new once
-    /// the longest time that it may take is over.
+    /// Whether this is a new measurement. RDY need not fall when the data are read or a measurement begins (the data sheet has it low for
+    /// 250 µs alone), so equal counts mean the one before: noise makes measurements differ. Exceptions: a single measurement is
+    /// new after the longest time that it may take, and an overflow has no noise. While a measurement is to be discarded, an equal overflow is
+    /// new only after a slow chip's period: the one before would be discarded instead of the one of the old gain.
     fn is_new(&self, sample: &Measurement, memory: &Memory, waited_s: f64) -> bool {
         memory.last != Some(sample.raw)
             || match self.times.single_s {
                 Some(longest_s) => waited_s >= longest_s,
-                None => sample.overflowed(),
+                None => {
+                    let slowest_s = SLOW * self.times.period_s;
+                    sample.overflowed() && (!self.discard_next || waited_s >= slowest_s)
+                }
             }
     }
 

@@ -4,7 +4,7 @@
 const LOOK_S: f64 = 0.002;
 /// Its own clock may be this much faster or slower than it should be.
 const FAST: f64 = 0.9;
-const SLOW: f64 = 1.1;
+pub(super) const SLOW: f64 = 1.1;
 
 pub(super) struct Timetable {
     pub(super) period_s: f64,
@@ -59,7 +59,10 @@ impl Timetable {
     /// A transfer failed: it is tried again with the next measurement.
     pub(super) fn failed(&mut self, now_s: f64) {
         self.due_s = now_s + self.period_s;
-        if self.single_s.is_some() {
+        if let Some(longest_s) = self.single_s {
+            // The measurement under way stays unread. An early poll would take it for the next one, and be taken for a poll in time.
+            self.patience_s = longest_s;
+            self.looked = false;
             self.measuring_since_s = None;
             self.slot_s = self.due_s;
         }
@@ -91,8 +94,8 @@ impl Timetable {
     }
 
     /// Adaptive poll delay: shortens until a poll is early, then backs off slightly. A measurement that is ready at the
-    /// first poll may have been so for long; an early poll costs a wake-up, and so must be rare: after many steps the
-    /// delay is well known, and the step back is small.
+    /// first poll may have waited; an early poll costs a wake-up. The more polls in a row were on time, the smaller the
+    /// step back.
     fn learn(&mut self) {
         let steps = f64::from(self.at_once);
         let looks = if self.looked {
@@ -108,5 +111,28 @@ impl Timetable {
         };
         self.patience_s = (self.patience_s + looks * self.look_s()).clamp(least_s, most_s);
         self.looked = false;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn after_a_failed_transfer_a_measurement_is_polled_late_enough_to_be_the_new_one() {
+        const LONGEST_S: f64 = 0.01;
+        let mut times = Timetable::new(0.0, 0.025, Some(LONGEST_S));
+        let delay_s = |times: &mut Timetable| {
+            let now_s = times.due_s;
+            times.started(now_s);
+            times.due_s - now_s
+        };
+        for _ in 0..50 {
+            delay_s(&mut times);
+            times.measured(times.due_s);
+        }
+        assert!(delay_s(&mut times) < 0.9 * LONGEST_S);
+        times.failed(times.due_s);
+        assert!((delay_s(&mut times) - LONGEST_S).abs() < 1e-9);
     }
 }

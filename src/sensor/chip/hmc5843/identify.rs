@@ -17,9 +17,12 @@ const PERIOD_LIMIT_S: f64 = 0.0163;
 /// Slightly less than the period at 75 Hz: looks further apart than this may have missed a measurement.
 const SHORTEST_PERIOD_S: f64 = 0.013;
 const LOOK_S: f64 = 0.001;
-/// Times 8 periods in a row, so that one torn read, which counts twice, does not decide. Gives up after 0.5 s.
+/// The rate is that of 8 periods in a row, so that one torn read, which counts as two changes, cannot decide it. Gives up
+/// after 0.5 s.
 const PERIODS: usize = 8;
 const PATIENCE_S: f64 = 0.5;
+/// The data of a chip that overflows on all axes: they do not change, since an overflow has no noise.
+const OVERFLOWS: [u8; 6] = [0xF0, 0x00, 0xF0, 0x00, 0xF0, 0x00];
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum ObservedRate {
@@ -27,7 +30,7 @@ enum ObservedRate {
     Slow,
     /// 75 Hz.
     Fast,
-    /// The data changed, but not often enough to tell.
+    /// The data changed, but not often enough to tell, or overflowed.
     Unclear,
     /// The data were never ready, or never changed.
     NoData,
@@ -74,7 +77,7 @@ pub(super) fn identify(
         (false, _) => (
             &Variant::Hmc5843,
             false,
-            "it has no averaging, nor has an HMC5883, and its rate did not show; if it is another, set i2c.magnetometer",
+            "it has no averaging, like an HMC5883, and its rate could not be measured; if the chip is another one, set i2c.magnetometer",
         ),
         (true, ObservedRate::Fast) => (
             &Variant::Hmc5883l,
@@ -85,7 +88,7 @@ pub(super) fn identify(
         (true, _) => (
             &Variant::Hmc5883l,
             false,
-            "it has averaging, but its rate did not show as 75 Hz; if it is another, set i2c.magnetometer",
+            "it has averaging, but 75 Hz could not be confirmed; if the chip is another one, set i2c.magnetometer",
         ),
     };
     Ok(Identified { chip, sure, why })
@@ -115,7 +118,7 @@ fn rate(bus: &mut dyn Bus, clock: &mut dyn Clock) -> Result<ObservedRate, ChipEr
         let now_s = clock.now_s();
         missed += ((now_s - looked_s) / SHORTEST_PERIOD_S) as u32;
         if now_s - begun_s > PATIENCE_S {
-            return Ok(if changes.is_empty() {
+            return Ok(if changes.is_empty() && last != Some(OVERFLOWS) {
                 ObservedRate::NoData
             } else {
                 ObservedRate::Unclear
@@ -280,5 +283,8 @@ mod tests {
         assert_eq!(code(&bus), Some("fake_hmc5883l"));
         bus.set(ADDRESS, DATA, &[0, 1, 0, 2, 0, 3, RDY]);
         assert_eq!(code(&bus), Some("fake_hmc5883l"));
+        // A magnet nearby does not make it one.
+        bus.set(ADDRESS, DATA, &OVERFLOWS);
+        assert_eq!(code(&bus), None);
     }
 }
