@@ -285,10 +285,14 @@ impl Daemon {
                     Notice::Summary => self.log_summary(),
                     Notice::Reload(new) => self.begin_reload(new),
                 },
-                _ = &mut self.server.task => return Err(DaemonError::Serve {
-                    path: self.socket.clone(),
-                    source: io::Error::other("the server has stopped"),
-                }),
+                ended = &mut self.server.task => {
+                    let ended = ended.unwrap_or_else(|failed| Err(io::Error::other(failed)));
+                    let stopped = || io::Error::other("the server has stopped");
+                    return Err(DaemonError::Serve {
+                        path: self.socket.clone(),
+                        source: ended.err().unwrap_or_else(stopped),
+                    });
+                }
                 () = self.reload.prepared() => {}
                 outcome = self.session.calibrator.outcome() => {
                     self.handle(Event::Calibrated(Box::new(outcome)));

@@ -19,9 +19,6 @@ use sockets::Sockets;
 /// The status line changes no more often.
 const STATUS_PACE: Duration = Duration::from_secs(1);
 
-/// A manager that takes nothing for this long is not waited for.
-const PATIENCE: Duration = Duration::from_millis(100);
-
 /// The daemon's end of the line to the manager.
 #[derive(Debug, Default)]
 pub struct Service {
@@ -79,7 +76,8 @@ impl Service {
             None => SocketAddr::from_pathname(name)?,
         };
         let socket = UnixDatagram::unbound()?;
-        socket.set_write_timeout(Some(PATIENCE))?;
+        // A manager that does not read must not delay the headings.
+        socket.set_nonblocking(true)?;
         Ok(Self {
             line: Some(ManagerSocket {
                 socket,

@@ -59,9 +59,10 @@ impl Recording {
         let mut sockets = Service::default();
         let mut folder = None;
         let server = match super::bind(&config, &mut sockets, &source) {
-            Err(error) if matches!(error.why, BindFault::Busy(_)) => return Err(service.into()),
-            // A service may be there: two readers of the same chips would disturb each other.
-            Err(error) if matches!(error.why, BindFault::Unsure(_)) => return Err(error.into()),
+            // A service is there, or may be: two readers of the same chips would disturb each other.
+            Err(error) if matches!(error.why, BindFault::Busy(_) | BindFault::Unsure(_)) => {
+                return Err(error.into());
+            }
             Err(error) => {
                 let Ok(made) = tempfile::Builder::new().prefix("headingd-").tempdir() else {
                     return Err(error.into());

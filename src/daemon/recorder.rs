@@ -32,7 +32,7 @@ const CHECKED_EVERY: u64 = 8192;
 const FLUSH: Duration = Duration::from_secs(1);
 /// This name of a log is standard output.
 const STDOUT: &str = "-";
-/// Pause before a ring tries again what has failed. The store may wait for a removed log to be closed.
+/// Pause before a ring retries. A log that has been removed meanwhile is then closed, which frees its room.
 const RETRY: Duration = Duration::from_secs(1);
 
 #[derive(Debug, thiserror::Error)]
@@ -99,6 +99,7 @@ impl Recorder {
         let (sender, ending) = oneshot::channel();
         let fault = Shared::default();
         let place = match &destination {
+            Destination::File(path) if path == Path::new(STDOUT) => "standard output".into(),
             Destination::File(path) => path.clone(),
             Destination::Ring(settings) => settings.directory.clone(),
         };
@@ -139,7 +140,8 @@ impl Recorder {
         if let Err(TrySendError::Full(_)) = self.queue.try_send(reading) {
             if self.dropped == 0 {
                 tracing::warn!(
-                    "the disk is too slow for the recording: readings are left out of it"
+                    "{} is too slow for the recording: readings are left out of it",
+                    self.place.display()
                 );
             }
             self.dropped += 1;
@@ -168,19 +170,19 @@ struct RecorderThread {
     destination: Destination,
     header: Header,
     readings: Receiver<Reading>,
-    /// No other daemon writes into the ring, and removes its files.
+    /// Keeps other daemons out of the ring.
     ring_lock: OnceCell<Arc<LockFile>>,
     /// How many readings are in the log.
     written: u64,
-    /// Why nothing is recorded now, for people; it has been complained of.
+    /// Why nothing is recorded now; already logged.
     fault: Shared<Option<String>>,
 }
 
 impl RecorderThread {
     fn record(&mut self) -> Result<(), RecordError> {
         // A named file is opened at once, so that an error is reported at once. A log that is there is replaced, and a ring opens
-        // its next file and removes the oldest, only when there is a reading to write: without one, as again and again where a
-        // daemon restarts, no log is lost.
+        // its next file and removes the oldest, only when there is a reading to write, so a daemon that restarts again and again
+        // without readings loses no log.
         let mut opened = match &self.destination {
             Destination::File(path) if path != Path::new(STDOUT) && path.is_file() => {
                 may_replace(path).map_err(RecordError::of(true, path))?;
@@ -230,7 +232,7 @@ impl RecorderThread {
                 (path, file)
             }
             Destination::File(path) => {
-                // Whoever reads the log that was there, as a daemon that replays it, reads on.
+                // Removed, not truncated: a process that reads the old log can finish.
                 if fs::symlink_metadata(path).is_ok_and(|found| found.is_file()) {
                     let _ = fs::remove_file(path);
                 }

@@ -56,7 +56,8 @@ impl Rows {
         }
         let text = String::from_utf8_lossy(line);
         if is_remark && !gives_key(&text) {
-            if text.contains(MAGIC) {
+            let content = text.trim_start_matches('#').trim_start();
+            if content.starts_with(MAGIC) {
                 *repeated = Some(0);
             }
             return Ok(true);

@@ -202,7 +202,7 @@ fn a_clock_that_is_set_back_loses_motion_and_a_late_row_does_not() {
 
 #[test]
 fn a_header_that_is_repeated_is_no_row_and_rows_after_another_are_refused() {
-    let head = "# headingd-log 1\n# mag_unit = uT\n# a remark on mx, my, mz, t_s\nt_s,mx,my,mz\n";
+    let head = "# headingd-log 1\n# mag_unit = uT\n# a remark on headingd-log, mx, my, mz, t_s\nt_s,mx,my,mz\n";
     // A repetition whose first line is damaged has only lines that are known.
     let damaged = head.replace("-log", "-lo");
     let text = format!("{head}0,1,2,3\n{head}0.1,1,2,3\n{damaged}# a remark\n0.2,1,2,3\n");
