@@ -15,6 +15,9 @@ use tracing_subscriber::{Layer, Registry, fmt, reload};
 
 use repeats::{LeftOut, WINDOW};
 
+/// The target of lines that say what a client has changed: none is ever left out.
+pub(crate) const CHANGES: &str = "headingd::changes";
+
 /// The environment variable that takes the place of `log.filter`.
 const FILTER_VARIABLE: &str = "RUST_LOG";
 

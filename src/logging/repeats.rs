@@ -11,14 +11,13 @@ use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::Layer;
 use tracing_subscriber::layer::Context;
 
+use super::CHANGES;
+
 /// A call site may log this many lines of one `reason` …
 const MOST: u32 = 5;
 
 /// … in this time; the rest are counted.
 pub(super) const WINDOW: Duration = Duration::from_secs(10);
-
-/// This module's lines are never suppressed: they say what was changed, and who asked.
-const CHANGES: &str = "headingd::publish::control::changes";
 
 /// A call site and the field `reason` of its line, which is empty if it has none.
 type Place = (Identifier, String);

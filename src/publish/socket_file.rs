@@ -7,7 +7,6 @@ use std::os::unix::ffi::OsStrExt;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
-use std::process;
 
 use rustix::net::sockopt::socket_peercred;
 use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType, socket_with};
@@ -43,7 +42,7 @@ pub enum BindFault {
     Busy(Option<u32>),
     /// Somebody may be serving there.
     #[error(
-        "cannot find out whether a daemon is serving there: {0}; join its group, or set another socket"
+        "cannot find out whether a daemon is serving there: {0}; join the socket's group, or set another socket"
     )]
     Unsure(io::Error),
     /// Something else is there; it is left alone.
@@ -152,42 +151,28 @@ fn claim(path: &Path, mode: u32) -> Result<OpenSocket, BindFault> {
     let lock = lock(path)?;
     refuse_if_taken(path)?;
 
-    // bind() makes the file with permissions that hang on the umask, and fails where a stale socket lies.
-    // So it is made under another name, given its permissions, and renamed: at its own name there is always
-    // either the old socket or the finished new one.
-    let temporary = directory.join(format!(".h{:x}", process::id()));
-    if let Err(error) = fs::remove_file(&temporary)
-        && error.kind() != ErrorKind::NotFound
-    {
-        return Err(failed("cannot remove what an earlier start left")(error));
-    }
-    let listener =
-        UnixListener::bind(&temporary).map_err(failed("cannot make a socket in its directory"))?;
-    let finish = || -> Result<OwnFile, BindFault> {
-        fs::set_permissions(&temporary, Permissions::from_mode(mode))
-            .map_err(failed("cannot set its permissions"))?;
-        listener
-            .set_nonblocking(true)
-            .map_err(failed("cannot make it non-blocking"))?;
-        let found = fs::symlink_metadata(&temporary)
-            .map_err(failed("cannot look at the socket just made"))?;
-        fs::rename(&temporary, path).map_err(failed("cannot put the socket in its place"))?;
-        Ok(OwnFile::new(path, &found))
-    };
-    match finish() {
-        Ok(own) => Ok(OpenSocket {
-            listener,
-            file: Some(SocketFile {
-                _own: own,
-                _lock: lock,
-            }),
+    // bind() makes the file with permissions that depend on the umask, and fails where a stale socket is. So it is made under another
+    // name, given its permissions, and renamed: at its own name there is always either the old socket or the finished new one.
+    let made = tempfile::Builder::new()
+        .prefix(".h")
+        .make_in(directory, |path| UnixListener::bind(path))
+        .map_err(failed("cannot make a socket in its directory"))?;
+    fs::set_permissions(made.path(), Permissions::from_mode(mode))
+        .map_err(failed("cannot set its permissions"))?;
+    made.as_file()
+        .set_nonblocking(true)
+        .map_err(failed("cannot make it non-blocking"))?;
+    let found =
+        fs::symlink_metadata(made.path()).map_err(failed("cannot look at the socket just made"))?;
+    let put = made.persist(path).map_err(|error| error.error);
+    let listener = put.map_err(failed("cannot put the socket in its place"))?;
+    Ok(OpenSocket {
+        listener,
+        file: Some(SocketFile {
+            _own: OwnFile::new(path, &found),
+            _lock: lock,
         }),
-        Err(error) => {
-            // Best effort: the error that is reported is the one that led here.
-            let _ = fs::remove_file(&temporary);
-            Err(error)
-        }
-    }
+    })
 }
 
 /// An error unless `path` is free, or is a socket at which nobody listens.

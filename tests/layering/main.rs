@@ -61,8 +61,8 @@ const ROOMS: &[Room] = &[
 
     // A live source reports its faults.
     room("sensor", 2, &["reading", "frame", "recording", "condition"]),
-    // Raw readings go out with the header and in the columns of a log.
-    room("publish", 2, &["heading", "condition", "frame", "calibration", "reading", "recording", "lock_file"]),
+    // Raw readings go out with the header and in the columns of a log; who changed what is never left out of the log.
+    room("publish", 2, &["heading", "condition", "frame", "calibration", "reading", "recording", "lock_file", "logging"]),
     // Reads where the compass is from a gpsd.
     room("position", 2, &["true_north", "date"]),
     // The mounting is kept with the calibration: the one holds only with the other.

@@ -10,16 +10,14 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{sleep, timeout, timeout_at};
 
 use super::{Answer, ControlCall, ControlRequest};
+use crate::logging::CHANGES;
 use crate::publish::allowance::{ANSWER, Allowance, ERROR, bytes};
 use crate::publish::client::ClientError;
-
-/// Where the log is told of changes. `logging::repeats` knows it: however many there are, none is left out.
-const CHANGES: &str = "headingd::publish::control::changes";
 
 /// The longest request, bytes: a file of some hundred calibrations.
 const LONGEST: usize = 256 * 1024;
 
-/// A client of which no whole request comes for this long is let go: others want its place.
+/// Idle timeout: a client that completes no request in this time is disconnected, which frees its place.
 const IDLE: Duration = Duration::from_secs(10);
 
 /// An answer takes longer only if a disk hangs.
@@ -57,7 +55,7 @@ pub(super) async fn serve(
         let answer = match farewell {
             Some(farewell) => farewell,
             None if text.is_empty() => {
-                // Nothing was asked: the time goes on.
+                // An empty line does not extend the deadline.
                 allowance.spend(Instant::now(), ANSWER);
                 continue;
             }

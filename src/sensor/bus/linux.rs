@@ -19,8 +19,8 @@ const DEVICES: &str = "/sys/bus/i2c/devices";
 /// A bus of Linux. Chips are opened when they are first talked to.
 pub struct LinuxBus {
     number: u8,
-    /// One open file a chip: its address belongs to the file. After any error the file is closed, so that a bus
-    /// that has gone and come back, or a chip that a driver has freed, is found by the next transfer.
+    /// One open file per chip, since the address is set per file. An error closes the file, so that the next transfer
+    /// opens a bus that came back, or a chip that a driver released.
     devices: BTreeMap<u8, LinuxI2CDevice>,
 }
 
@@ -38,17 +38,15 @@ impl LinuxBus {
     }
 
     fn device(&mut self, address: u8) -> Result<&mut LinuxI2CDevice, BusError> {
+        let number = self.number;
         match self.devices.entry(address) {
             Entry::Occupied(open) => Ok(open.into_mut()),
-            Entry::Vacant(place) => {
-                match LinuxI2CDevice::new(Self::path(self.number), address.into()) {
-                    Ok(device) => Ok(place.insert(device)),
-                    Err(error) => {
-                        let cause = opening(error, self.number, address);
-                        Err(failed(self.number, address, "talk to", cause))
-                    }
-                }
-            }
+            Entry::Vacant(place) => LinuxI2CDevice::new(Self::path(number), address.into())
+                .map(|device| place.insert(device))
+                .map_err(|error| {
+                    let cause = opening(error, number, address);
+                    failed(number, address, "talk to", cause)
+                }),
         }
     }
 }

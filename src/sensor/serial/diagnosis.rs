@@ -73,84 +73,70 @@ impl Diagnosis {
 
     /// What is wrong, and what helps.
     pub(super) fn trouble(&self, settings: &Settings, protocol: Protocol) -> SourceFault {
-        let baud = settings.baud;
-        let protocol_name = protocol.name();
-        let odd = self.odd as f64 / self.bytes.max(1) as f64;
-        let (code, what) = if self.bytes == 0 {
-            (
-                "silent",
-                "the device sends nothing; check its power, its wires and whether it runs"
-                    .to_owned(),
-            )
-        } else if let Some(header) = &self.header {
-            (
-                "not_understood",
-                format!("the device's header is wrong: {header}"),
-            )
-        } else if self.early {
-            (
-                "no_header",
-                format!(
-                    "rows come without a header; they count {HEADER_S} s after the first, in milligauss, rad/s and m/s²; \
-                     let the device send its header first (docs/serial.md)"
-                ),
-            )
-        } else if self.unread {
-            let what = if self.others {
-                "magnetometer"
-            } else {
-                "sensors"
-            };
-            (
-                "sensors",
-                format!(
-                    "the device says that it cannot read its {what}; check the wires between them"
-                ),
-            )
-        } else if self.rows > 0 && (self.bad.is_none() || self.rows > MANY_ROWS) {
-            (
-                "sensors",
-                "the magnetometer's cells are empty: it cannot be read, or a magnet is near; check its wires"
-                    .to_owned(),
-            )
-        } else if let Some(mode) = self.other_mode {
-            (
-                "other_mode",
-                format!(
-                    "the device sends {mode} and does not take the order to send raw readings; check that the \
-                     port is the board's, and that the line is connected both ways"
-                ),
-            )
-        } else if odd > ODD_SHARE {
-            (
-                "noise",
-                format!(
-                    "what comes is neither text nor {protocol_name}; check serial.baud, which is {baud}, and serial.protocol"
-                ),
-            )
-        } else if self.too_long {
-            (
-                "long_line",
-                format!(
-                    "a line is longer than 4 KiB, so it is not {protocol_name}; check what the device sends"
-                ),
-            )
-        } else {
-            let what = self
-                .bad
-                .as_deref()
-                .unwrap_or("what came has no whole reading in it");
-            (
-                "not_understood",
-                format!(
-                    "{what}; expected {protocol_name}; check serial.protocol and what the device sends"
-                ),
-            )
-        };
+        let (code, what) = self.cause(settings.baud, protocol.name());
         let readings = if self.others { "field" } else { "readings" };
         SourceFault {
             code,
             message: format!("no {readings} from {}: {what}", settings.port.display()),
         }
+    }
+
+    /// The first cause that applies.
+    fn cause(&self, baud: u32, protocol: &str) -> (&'static str, String) {
+        if self.bytes == 0 {
+            let what = "the device sends nothing; check its power, its wires and whether it runs";
+            return ("silent", what.to_owned());
+        }
+        if let Some(header) = &self.header {
+            let what = format!("the device's header is wrong: {header}");
+            return ("not_understood", what);
+        }
+        if self.early {
+            let what = format!(
+                "rows come without a header; they count {HEADER_S} s after the first, in milligauss, rad/s and m/s²; \
+                 let the device send its header first (docs/serial.md)"
+            );
+            return ("no_header", what);
+        }
+        if self.unread {
+            let sensors = if self.others {
+                "magnetometer"
+            } else {
+                "sensors"
+            };
+            let what = format!(
+                "the device says that it cannot read its {sensors}; check the wires between them"
+            );
+            return ("sensors", what);
+        }
+        if self.rows > 0 && (self.bad.is_none() || self.rows > MANY_ROWS) {
+            let what = "the magnetometer's cells are empty: it cannot be read, or a magnet is near; check its wires";
+            return ("sensors", what.to_owned());
+        }
+        if let Some(mode) = self.other_mode {
+            let what = format!(
+                "the device sends {mode} and does not take the order to send raw readings; check that the \
+                 port is the board's, and that the line is connected both ways"
+            );
+            return ("other_mode", what);
+        }
+        if self.odd as f64 > ODD_SHARE * self.bytes as f64 {
+            let what = format!(
+                "what comes is neither text nor {protocol}; check serial.baud, which is {baud}, and serial.protocol"
+            );
+            return ("noise", what);
+        }
+        if self.too_long {
+            let what = format!(
+                "a line is longer than 4 KiB, so it is not {protocol}; check what the device sends"
+            );
+            return ("long_line", what);
+        }
+        let bad = self.bad.as_deref();
+        let found = bad.unwrap_or("what came has no whole reading in it");
+        let what = format!(
+            "{found}; expected {protocol}; check serial.protocol and what the device sends"
+        );
+        ("not_understood", what)
     }
 }

@@ -103,12 +103,12 @@ impl LogRows {
         }
         // A damaged byte must not make a line of the header a remark: its unit would be lost.
         let text = String::from_utf8_lossy(line);
-        if let Ok(begun) = HeaderLines::begin(&text) {
+        let is_header = text.trim_start_matches('\u{feff}').starts_with('#') || names_columns(line);
+        if is_header && let Ok(begun) = HeaderLines::begin(&text) {
             self.header = Some(begun);
             self.heard_header();
             return;
         }
-        let is_header = line.starts_with(b"#") || names_columns(line);
         match &mut self.header {
             Some(header) if is_header => match header.add(&text) {
                 Ok(None) => {}
