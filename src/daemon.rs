@@ -6,21 +6,22 @@
 
 mod batch;
 mod calibrator;
-mod disk;
+
 mod events;
 mod inactivity;
 mod mounting;
 mod north;
-mod orders;
 pub mod record;
 mod recorder;
 mod reload;
 mod remedy;
+mod requests;
 mod ring;
 mod sensor_store;
 mod service_client;
 mod session;
 mod source_task;
+mod store_writer;
 mod thread;
 
 use std::future::Future;
@@ -54,7 +55,7 @@ use session::{DISK_PATIENCE, Session, SourceState};
 use source_task::SourceTask;
 
 /// How many control requests wait for the pipeline; then their clients wait.
-const WAITING_ORDERS: usize = 8;
+const WAITING_REQUESTS: usize = 8;
 
 #[derive(Debug, thiserror::Error)]
 pub enum DaemonError {
@@ -107,7 +108,7 @@ pub struct Daemon {
     server: Serving,
     control: Option<Serving>,
     socket: PathBuf,
-    orders: mpsc::Receiver<ControlCall>,
+    requests: mpsc::Receiver<ControlCall>,
     publisher: Publisher,
     /// UDP, TCP and the pseudo terminal.
     outputs: JoinSet<()>,
@@ -182,7 +183,7 @@ impl Daemon {
         }
         let session = Session::open(source, config.clone(), &RunningStore::default())?;
         let publisher = server.publisher();
-        let (sender, orders) = mpsc::channel(WAITING_ORDERS);
+        let (sender, requests) = mpsc::channel(WAITING_REQUESTS);
         Ok(Self {
             session,
             reload: Reload::default(),
@@ -193,7 +194,7 @@ impl Daemon {
                 Serving::start(|stopped| control.run(sender, async { drop(stopped.await) }))
             }),
             socket: served,
-            orders,
+            requests,
             outputs: outputs::open(&config.udp, &config.tcp, &config.pty, &publisher),
             publisher,
             service,
@@ -224,7 +225,7 @@ impl Daemon {
         self.handle(Event::End);
         let source = self.session.state.clone();
         // Clients that still wait for an answer are told that none will come.
-        drop(self.orders);
+        drop(self.requests);
         let served = async {
             match &ended {
                 // A task that has ended cannot be waited for again.
@@ -298,7 +299,7 @@ impl Daemon {
                     self.handle(Event::Calibrated(Box::new(outcome)));
                     self.inactivity.restart();
                 }
-                Some(order) = self.orders.recv() => self.order(order),
+                Some(call) = self.requests.recv() => self.answer(call),
                 events = self.session.source.next(), if listening => {
                     self.inactivity.restart();
                     fresh = self.take(events);

@@ -19,20 +19,20 @@ use sockets::Sockets;
 /// The status line changes no more often.
 const STATUS_PACE: Duration = Duration::from_secs(1);
 
-/// The daemon's end of the line to the manager.
+/// The daemon's connection to the service manager.
 #[derive(Debug, Default)]
 pub struct Service {
     /// What it has handed over.
     pub sockets: Sockets,
-    line: Option<ManagerSocket>,
+    manager: Option<ManagerSocket>,
     ready: bool,
     /// How often a sign of life is due, if the manager asks for any.
     pace: Option<Duration>,
-    alive: Option<Instant>,
+    pinged: Option<Instant>,
     state: String,
     heading_deg: Option<u16>,
     /// What the status line was made of last, and when.
-    told: Option<(String, Option<u16>, Instant)>,
+    sent_status: Option<(String, Option<u16>, Instant)>,
 }
 
 impl Service {
@@ -42,11 +42,11 @@ impl Service {
     pub fn from_env() -> Self {
         Self {
             sockets: Sockets::from_env(),
-            ..Self::line_from_env()
+            ..Self::manager_from_env()
         }
     }
 
-    fn line_from_env() -> Self {
+    fn manager_from_env() -> Self {
         let Ok(name) = env::var("NOTIFY_SOCKET") else {
             return Self::default();
         };
@@ -79,7 +79,7 @@ impl Service {
         // A manager that does not read must not delay the headings.
         socket.set_nonblocking(true)?;
         Ok(Self {
-            line: Some(ManagerSocket {
+            manager: Some(ManagerSocket {
                 socket,
                 address,
                 failing: false,
@@ -110,7 +110,7 @@ impl Service {
 
     /// The daemon cannot start or go on, and this is why.
     pub fn failed(message: &str) {
-        Self::line_from_env().say(&status(message));
+        Self::manager_from_env().say(&status(message));
     }
 
     /// How things stand, for the status line.
@@ -133,17 +133,17 @@ impl Service {
 
     /// Says what is due: that the daemon is alive, if it is, and what the status line is now.
     pub fn tick(&mut self, now: Instant, alive: bool) {
-        if self.line.is_none() {
+        if self.manager.is_none() {
             return;
         }
         let overdue = |last: Option<Instant>, pace| last.is_none_or(|last| now >= last + pace);
-        if alive && self.pace.is_some_and(|pace| overdue(self.alive, pace)) {
-            self.alive(now);
+        if alive && self.pace.is_some_and(|pace| overdue(self.pinged, pace)) {
+            self.ping(now);
         }
-        let same = |told: &(String, Option<u16>, Instant)| {
-            now < told.2 + STATUS_PACE || (told.0 == self.state && told.1 == self.heading_deg)
+        let same = |sent: &(String, Option<u16>, Instant)| {
+            now < sent.2 + STATUS_PACE || (sent.0 == self.state && sent.1 == self.heading_deg)
         };
-        if self.state.is_empty() || self.told.as_ref().is_some_and(same) {
+        if self.state.is_empty() || self.sent_status.as_ref().is_some_and(same) {
             return;
         }
         let heading = match self.heading_deg {
@@ -151,19 +151,21 @@ impl Service {
             None => String::new(),
         };
         if self.say(&status(&format!("{}{heading}", self.state))) {
-            self.told = Some((self.state.clone(), self.heading_deg, now));
+            self.sent_status = Some((self.state.clone(), self.heading_deg, now));
         }
     }
 
     /// Says that the daemon is alive, whether that is due or not, if the manager asks for it.
-    pub fn alive(&mut self, now: Instant) {
+    pub fn ping(&mut self, now: Instant) {
         if self.pace.is_some() && self.say("WATCHDOG=1") {
-            self.alive = Some(now);
+            self.pinged = Some(now);
         }
     }
 
     fn say(&mut self, message: &str) -> bool {
-        self.line.as_mut().is_none_or(|line| line.say(message))
+        self.manager
+            .as_mut()
+            .is_none_or(|manager| manager.say(message))
     }
 }
 
@@ -198,7 +200,7 @@ pub(crate) mod tests {
     use super::*;
     use crate::condition::Condition;
 
-    /// A manager whose watchdog waits for so long, and the daemon's end of the line to it.
+    /// A manager whose watchdog waits for so long, and the daemon's connection to it.
     pub(crate) fn manager(
         watchdog: Option<Duration>,
     ) -> (tempfile::TempDir, UnixDatagram, Service) {

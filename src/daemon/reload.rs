@@ -165,7 +165,7 @@ impl Daemon {
                 self.publisher.device(self.session.source.device());
                 self.start_session()?;
                 // The new source may be silent for seconds, and the last sign of life may be old: the watchdog begins anew.
-                self.service.alive(Instant::now());
+                self.service.ping(Instant::now());
                 if started {
                     self.handle(Event::Start);
                 }

@@ -4,23 +4,23 @@ use std::sync::{Arc, Weak};
 use std::time::Duration;
 
 use super::DaemonError;
-use super::disk::{Disk, OnSaved};
+use super::store_writer::{OnSaved, StoreWriter};
 use crate::publish::control::status::FolderSummary;
 use crate::store::{CalibrationRecord, History, Identity, Settings};
 
-/// What a session that is to follow has to know of the one that is running. Holds nothing open.
+/// What the next session needs to know of the running one; keeps nothing open.
 #[derive(Default)]
 pub(super) struct RunningStore {
-    disk: Weak<Disk>,
+    writer: Weak<StoreWriter>,
     identity: Option<Identity>,
 }
 
-/// The history of one sensor's calibrations, and the disk that keeps it, if any does.
+/// The history of one sensor's calibrations, and the writer that keeps it, if one does.
 pub(super) struct SensorStore {
     history: History,
     most: usize,
     changed: bool,
-    disk: Option<Arc<Disk>>,
+    writer: Option<Arc<StoreWriter>>,
 }
 
 impl SensorStore {
@@ -32,34 +32,34 @@ impl SensorStore {
         running: &RunningStore,
     ) -> Result<Self, DaemonError> {
         let mut in_memory = false;
-        let disk = match (settings.directory(), running.disk.upgrade()) {
+        let writer = match (settings.directory(), running.writer.upgrade()) {
             (None, _) => {
                 tracing::info!("no store: calibrations are neither read nor kept");
                 None
             }
-            (Some(directory), Some(disk)) if disk.directory == directory => {
+            (Some(directory), Some(writer)) if writer.directory == directory => {
                 in_memory = running.identity.as_ref() == Some(&identity);
-                Some(disk)
+                Some(writer)
             }
             (Some(directory), running) => {
                 // Drop our reference first: only whoever holds the last one waits for the disk at shutdown.
                 drop(running);
-                Some(Arc::new(Disk::open(directory)?))
+                Some(Arc::new(StoreWriter::open(directory)?))
             }
         };
-        let loading = disk.as_ref().filter(|_| !in_memory);
-        let loaded = loading.and_then(|disk| disk.load(identity.clone()));
+        let loading = writer.as_ref().filter(|_| !in_memory);
+        let loaded = loading.and_then(|writer| writer.load(identity.clone()));
         Ok(Self {
             history: loaded.unwrap_or_else(|| History::new(identity)),
             most: settings.history,
             changed: false,
-            disk,
+            writer,
         })
     }
 
     pub(super) fn running(&self) -> RunningStore {
         RunningStore {
-            disk: self.disk.as_ref().map(Arc::downgrade).unwrap_or_default(),
+            writer: self.writer.as_ref().map(Arc::downgrade).unwrap_or_default(),
             identity: Some(self.history.identity.clone()),
         }
     }
@@ -79,10 +79,10 @@ impl SensorStore {
         std::mem::take(&mut self.changed)
     }
 
-    /// Goes on from the history of the session before a reload, unless another folder has one of its own, or the sensor is another. Returns
-    /// whether it does.
+    /// Takes over the history of the session before a reload, unless the sensor has changed or the new folder has a history of its own.
+    /// Returns whether it did.
     pub(super) fn take_over(&mut self, last: &Self) -> bool {
-        let (here, there) = (self.disk.as_ref(), last.disk.as_ref());
+        let (here, there) = (self.writer.as_ref(), last.writer.as_ref());
         let same = here.map(Arc::as_ptr) == there.map(Arc::as_ptr);
         let new = self.history == History::new(self.history.identity.clone());
         let goes_on = last.history.identity == self.history.identity && (same || new);
@@ -102,30 +102,30 @@ impl SensorStore {
         self.history.last_number
     }
 
-    /// Saves the history as it is now; `then` gets the result, at once if there is no disk.
+    /// Saves the history as it is now; `then` gets the result, at once if there is no writer.
     pub(super) fn save(&self, then: OnSaved) {
-        match &self.disk {
-            Some(disk) => disk.save(self.history.clone(), then),
+        match &self.writer {
+            Some(writer) => writer.save(self.history.clone(), then),
             None => then(Ok(())),
         }
     }
 
     pub(super) fn summary(&self) -> FolderSummary {
-        let disk = self.disk.as_ref();
-        disk.map_or_else(FolderSummary::off, |disk| disk.summary())
+        let writer = self.writer.as_ref();
+        writer.map_or_else(FolderSummary::off, |writer| writer.summary())
     }
 
-    /// Whether another session has the same disk.
+    /// Whether another session has the same writer.
     pub(super) fn is_shared(&self) -> bool {
-        let disk = self.disk.as_ref();
-        disk.is_some_and(|disk| Arc::strong_count(disk) > 1)
+        let writer = self.writer.as_ref();
+        writer.is_some_and(|writer| Arc::strong_count(writer) > 1)
     }
 
     /// Waits until everything is on disk, unless that takes longer than `patience`, or another session goes on writing
     /// there. An error says what could not be kept.
     pub(super) async fn close(self, patience: Duration) -> Result<(), DaemonError> {
-        match self.disk.and_then(Arc::into_inner) {
-            Some(disk) => disk.close(patience).await,
+        match self.writer.and_then(Arc::into_inner) {
+            Some(writer) => writer.close(patience).await,
             None => Ok(()),
         }
     }

@@ -1,4 +1,4 @@
-//! Signs of life: a device that falls silent without a word hangs, and one that is known to be away does not.
+//! The daemon's task: status, watchdog and reloads.
 
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
@@ -78,7 +78,7 @@ async fn the_status_counts_headings_without_a_gyro_and_has_what_was_reported_las
     }));
     let (answer, mut status) = oneshot::channel();
     let request = ControlRequest::Status {};
-    daemon.order(ControlCall { request, answer });
+    daemon.answer(ControlCall { request, answer });
     let status = status.try_recv().unwrap().more;
     assert_eq!(status["cal_state"], "uncalibrated");
     assert_eq!(status["counts"]["headings"], 1);

@@ -1,5 +1,6 @@
-//! How much a client may cost. What it sends beyond that is left unread until its debt is paid off by time, so that
-//! nobody keeps the one thread of the daemon from its headings. Pure: time comes in as an argument.
+//! A leaky bucket per client: each answer, error and byte adds a cost, and each second pays off a second of it. Beyond
+//! the limit the client is not read from, so that no client keeps the daemon's main thread from its headings. Pure: time
+//! comes in as an argument.
 
 use std::time::{Duration, Instant};
 

@@ -137,7 +137,7 @@ struct Client<'a> {
 }
 
 impl Client<'_> {
-    /// Answers what has been asked, as much as goes together. The answers are taken before anything more is read.
+    /// Answers waiting requests, up to 16 or about 4 KiB in one write. Nothing more is read until the answers are written.
     async fn answer_waiting(&mut self, inbox: &mut Inbox) -> Result<(), ClientError> {
         let mut count = 0;
         while count < MOST_ANSWERS
@@ -253,8 +253,7 @@ impl Client<'_> {
         }
     }
 
-    /// Forwards what waits, as much as goes together, and sends it: each write wakes the client. Whether there may be
-    /// more.
+    /// Sends waiting messages, about 4 KiB in one write, since each write wakes the client. Returns whether more may wait.
     async fn forward_waiting(&mut self) -> Result<bool, ClientError> {
         while self.lines.len() < MOST_BYTES
             && let Some(message) = waiting(&mut self.ring)

@@ -1,4 +1,4 @@
-//! Accepts clients, as far as there are places for them, and sees them off at the end.
+//! Accepts clients up to the limit, and closes their connections at shutdown.
 
 use std::collections::HashMap;
 use std::future::Future;
@@ -28,10 +28,10 @@ pub(crate) const OUT_OF_FILES: &str = "serve fewer clients (socket.max_clients),
 const PAUSES: (Duration, Duration) = (Duration::from_millis(50), Duration::from_secs(1));
 
 /// A socket that has been claimed, and how many clients it has room for.
-pub(super) struct Door<'a> {
-    pub socket: OpenSocket,
+pub(super) struct ClientSocket<'a> {
+    pub open: OpenSocket,
     pub most: usize,
-    /// What a client is told for which there is no room.
+    /// The line that a refused client is sent.
     pub refusal: fn(Full) -> String,
     /// How many are connected.
     pub count: &'a AtomicUsize,
@@ -40,7 +40,7 @@ pub(super) struct Door<'a> {
 /// Serves clients until `shutdown` is ready. Then the socket is removed, and every client has until [`FAREWELL`] to
 /// end by itself. `serve` is handed a receiver that tells of the end.
 pub(super) async fn serve_clients<S, F>(
-    door: Door<'_>,
+    socket: ClientSocket<'_>,
     shutdown: impl Future<Output = ()>,
     serve: S,
 ) -> io::Result<()>
@@ -48,11 +48,11 @@ where
     S: Fn(UnixStream, watch::Receiver<bool>) -> F,
     F: Future<Output = Result<(), ClientError>> + Send + 'static,
 {
-    let listener = UnixListener::from_std(door.socket.listener)?;
+    let listener = UnixListener::from_std(socket.open.listener)?;
     let (stop, stopped) = watch::channel(false);
     let mut clients: JoinSet<Result<(), ClientError>> = JoinSet::new();
     // Who the client of each task is.
-    let mut held: HashMap<Id, UCred> = HashMap::new();
+    let mut peers: HashMap<Id, UCred> = HashMap::new();
     let own = geteuid().as_raw();
     let mut shutdown = pin!(shutdown);
     let mut pause = None;
@@ -60,33 +60,33 @@ where
         let accepted = tokio::select! {
             () = &mut shutdown => break,
             Some(left) = clients.join_next_with_id() => {
-                leave(left, &mut held);
+                leave(left, &mut peers);
                 None
             }
             accepted = accept(&listener, pause) => Some(accepted),
         };
         // All who have left make room before the next is refused.
         while let Some(left) = clients.try_join_next_with_id() {
-            leave(left, &mut held);
+            leave(left, &mut peers);
         }
         match accepted {
             None => {}
             Some(Ok((stream, peer))) => {
                 pause = None;
-                match admit(door.most, own, held.values().map(UCred::uid), peer.uid()) {
+                match admit(socket.most, own, peers.values().map(UCred::uid), peer.uid()) {
                     Ok(()) => {
                         let served = clients.spawn(serve(stream, stopped.clone()));
-                        held.insert(served.id(), peer);
+                        peers.insert(served.id(), peer);
                     }
                     Err(full) => {
-                        refuse(stream, &(door.refusal)(full));
+                        refuse(stream, &(socket.refusal)(full));
                         let (pid, uid) = (peer.pid(), peer.uid());
                         tracing::info!(pid, uid, "refused a client: {full}");
                     }
                 }
             }
             Some(Err(error)) => {
-                // Out of file descriptors, as a rule; the client stays in the queue. Once an episode.
+                // Usually out of file descriptors; the client stays in the backlog. Logged once per episode.
                 if pause.is_none() {
                     tracing::warn!(
                         "cannot accept a client, will try again: {error}; {OUT_OF_FILES}"
@@ -95,9 +95,9 @@ where
                 pause = Some(pause.map_or(PAUSES.0, |last: Duration| (last * 2).min(PAUSES.1)));
             }
         }
-        door.count.store(clients.len(), Ordering::Relaxed);
+        socket.count.store(clients.len(), Ordering::Relaxed);
     }
-    drop((listener, door.socket.file));
+    drop((listener, socket.open.file));
     // Receivers are there as long as `stopped` is.
     let _ = stop.send(true);
     let _ = timeout(FAREWELL, async {
@@ -105,7 +105,7 @@ where
     })
     .await;
     clients.shutdown().await;
-    door.count.store(0, Ordering::Relaxed);
+    socket.count.store(0, Ordering::Relaxed);
     Ok(())
 }
 
@@ -131,16 +131,16 @@ fn refuse(stream: UnixStream, line: &str) {
 }
 
 /// Takes a client off the list, and logs why it left.
-fn leave(left: Result<(Id, Result<(), ClientError>), JoinError>, held: &mut HashMap<Id, UCred>) {
+fn leave(left: Result<(Id, Result<(), ClientError>), JoinError>, peers: &mut HashMap<Id, UCred>) {
     let (id, ended) = match left {
         Ok((id, ended)) => (id, ended),
         Err(error) => {
-            held.remove(&error.id());
+            peers.remove(&error.id());
             tracing::error!("a client's task failed: {error}");
             return;
         }
     };
-    let peer = held.remove(&id);
+    let peer = peers.remove(&id);
     let (pid, uid) = (
         peer.and_then(|peer| peer.pid()),
         peer.map(|peer| peer.uid()),

@@ -1,5 +1,5 @@
-//! A client's connection. Room to write is waited for only while there is none: tokio's own streams always wait for it,
-//! and so wake the daemon each time that a client has read.
+//! A client's connection. Watches for room to write only while the buffer is full. tokio's streams always watch for it,
+//! which wakes the daemon whenever a client reads.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream as StdStream;

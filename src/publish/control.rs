@@ -16,7 +16,7 @@ use std::sync::atomic::AtomicUsize;
 
 use tokio::sync::{mpsc, oneshot};
 
-use super::clients::{Door, serve_clients};
+use super::clients::{ClientSocket, serve_clients};
 use super::socket_file::{BindError, OpenSocket, right_mode, right_path};
 use crate::check::{Fault, settings};
 pub use answer::Answer;
@@ -84,22 +84,22 @@ impl Control {
         OpenSocket::open(handed, &path, &settings.mode, MOST_OPEN).map(Self)
     }
 
-    /// Hands requests to `orders` and answers to those who asked, until `shutdown` is ready. Then the socket is gone.
+    /// Hands requests to `requests` and answers to those who asked, until `shutdown` is ready. Then the socket is gone.
     pub async fn run(
         self,
-        orders: mpsc::Sender<ControlCall>,
+        requests: mpsc::Sender<ControlCall>,
         shutdown: impl Future<Output = ()>,
     ) -> io::Result<()> {
-        let door = Door {
-            socket: self.0,
+        let socket = ClientSocket {
+            open: self.0,
             most: MOST_CLIENTS,
             refusal: |full| {
                 Answer::refused("too_many_clients", format!("{full}; try again later")).line()
             },
             count: &AtomicUsize::new(0),
         };
-        serve_clients(door, shutdown, |stream, stopped| {
-            client::serve(stream, orders.clone(), stopped)
+        serve_clients(socket, shutdown, |stream, stopped| {
+            client::serve(stream, requests.clone(), stopped)
         })
         .await
     }

@@ -1,4 +1,4 @@
-//! What a client has sent: cut into requests, and no more of it read than the client may cost.
+//! Reads a client's requests, no faster than its allowance permits.
 
 use std::io;
 use std::time::Instant;
@@ -38,8 +38,8 @@ impl Inbox {
         }
     }
 
-    /// Waits until there is something to look at: while the client has cost too much, it is not read from. Nothing is
-    /// lost when the wait is given up.
+    /// Waits for bytes, unless some are left. A client over its allowance is not read from until its debt has fallen.
+    /// Cancel safe.
     pub(super) async fn wait(&mut self, link: &Connection) -> io::Result<()> {
         if let Some(pause) = self.allowance.pause(Instant::now()) {
             sleep(pause).await;
@@ -53,7 +53,7 @@ impl Inbox {
         Ok(())
     }
 
-    /// The next request that is there whole; none, too, while the client has cost too much.
+    /// The next complete request; `None` as well while the client is over its allowance.
     pub(super) fn next(&mut self) -> Option<Result<ClientRequest, String>> {
         let now = Instant::now();
         if self.allowance.pause(now).is_some() {

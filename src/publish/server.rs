@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::client::serve;
-use super::clients::{Door, serve_clients};
+use super::clients::{ClientSocket, serve_clients};
 use super::feed::Feed;
 pub use super::feed::Publisher;
 use super::gpsd::{self, Device, LINE_END};
@@ -40,7 +40,7 @@ settings! {
         request_limit_bytes: usize = 1024, 128..=65536, "bytes";
         /// How many messages a client may fall behind before it loses headings.
         backlog: usize = 64, 8..=4096, "messages";
-        /// How long a client that is behind may read less than what makes room for more, some 2 KiB.
+        /// A client that is behind is disconnected unless it reads about 2 KiB within this time.
         write_timeout_s: f64 = 5.0, 0.1..=60.0, "seconds";
     }
     also Settings::check_socket;
@@ -66,7 +66,7 @@ impl Server {
     /// mode are. One that a dead daemon has left behind is replaced; one at which another daemon answers, or a file that is
     /// no socket, is left alone. Needs no runtime yet.
     ///
-    /// A heading whose sample is older than `stale` when it is its turn is sent to nobody.
+    /// A heading is dropped if its sample is older than `stale` when it is about to be sent.
     ///
     /// # Errors
     ///
@@ -108,8 +108,8 @@ impl Server {
     ///
     /// The socket cannot be handed to the runtime; nothing that a client does ends it.
     pub async fn run(self, shutdown: impl Future<Output = ()>) -> io::Result<()> {
-        let door = Door {
-            socket: self.socket,
+        let socket = ClientSocket {
+            open: self.socket,
             most: self.settings.max_clients,
             refusal: |full| {
                 let message = format!("{full}; raise socket.max_clients, or try again later");
@@ -117,7 +117,7 @@ impl Server {
             },
             count: &self.feed.clients,
         };
-        serve_clients(door, shutdown, |stream, stopped| {
+        serve_clients(socket, shutdown, |stream, stopped| {
             serve(
                 stream,
                 self.feed.clone(),

@@ -54,8 +54,8 @@ pub(super) fn columns(text: &str) -> Result<Vec<Option<usize>>, String> {
     Ok(columns)
 }
 
-/// Whether a column is likely an axis of the sensor with this name: `mag_x`, `MagX (uT)`, `m_x`, `Mx`. Not to use it would
-/// leave a log without that sensor. Other names are free.
+/// Whether a column is likely an axis of the sensor with this name: `mag_x`, `MagX (uT)`, `m_x`, `Mx`. To ignore such a
+/// column would silently lose the sensor. Any other name is allowed.
 fn is_axis_of(sensor: &str, name: &str) -> bool {
     let name = name.trim().to_lowercase();
     let axis = name

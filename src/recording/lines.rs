@@ -5,7 +5,7 @@ use std::io::{self, BufRead, ErrorKind};
 /// The longest line that is kept, bytes. No device's line comes near it, nor a row of eleven numbers, however they are printed.
 const LONGEST_LINE: usize = 4096;
 
-/// After so many bytes of a log without an end of the line nothing more is expected: a device may go on for ever.
+/// Longest line that is skipped, bytes. An input such as /dev/zero never ends one.
 const LONGEST_SKIPPED: usize = 64 << 20;
 
 /// What came next.
@@ -127,7 +127,7 @@ impl<R: BufRead> LogLines<R> {
         }
         Err(io::Error::new(
             ErrorKind::InvalidData,
-            "a line without end is in no log",
+            "a line has no end within 64 MiB, so this is no log",
         ))
     }
 }
@@ -154,7 +154,8 @@ mod tests {
         let mut lines = LogLines::new(BufReader::new(io::repeat(0)));
         assert_eq!(lines.advance().unwrap(), LogLine::Cut(CutLine::TooLong));
         let error = lines.advance().unwrap_err();
-        assert_eq!(error.to_string(), "a line without end is in no log");
+        let right = "a line has no end within 64 MiB, so this is no log";
+        assert_eq!(error.to_string(), right);
     }
 
     #[test]

@@ -10,10 +10,10 @@ use super::stretch::{self, DroppedRows, TimeOrder};
 use super::{Entry, Header, RecordingError, Skips, place};
 use crate::reading::Reading;
 
-/// The unit of the times is checked on the first 1000 rows, if they hold at least 20 steps between gyro readings …
+/// The unit of the times is checked on the first 1000 rows, for each of gyro and magnetometer with at least 20 steps.
 const FIRST_ROWS: usize = 1000;
 const FEWEST_STEPS: usize = 20;
-/// … and the median step is shorter than this: one of 500 Hz has it in milliseconds.
+/// A median step of this many seconds or more means another unit: 500 Hz in milliseconds has a step of 2.
 const LONG_STEP_S: f64 = 2.0;
 /// Where the median step is 0 and no other is shorter than this, the times are all the same, or in whole seconds.
 const COARSE_STEP_S: f64 = 0.5;

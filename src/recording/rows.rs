@@ -88,7 +88,7 @@ impl Rows {
         format!("column {number} ({})", COLUMNS[column])
     }
 
-    /// One row, without its line's end. Whether its time follows the time of the row before is not asked.
+    /// One row, without its line's end. The order of times is not checked here.
     pub fn row(&self, line: &[u8]) -> Result<Entry, String> {
         let (line, _) = check_row(line)?;
         let cells = self.cells(line)?;

@@ -24,8 +24,8 @@ impl TimeOfDay {
         }
     }
 
-    /// Takes the time of a reading; how long that was after the beginning of 1970, if the log says so. The first one is
-    /// that of the header. None after the year 9998: a clock that says so is wrong, as in the header.
+    /// The time of day of the reading at `t_s`, since 1970. The first reading has the header's time. `None` without one,
+    /// in a new stretch, and after the year 9998, which only a wrong clock gives.
     pub fn at(&mut self, t_s: f64) -> Option<Duration> {
         let first_s = *self.first_s.get_or_insert(t_s);
         let since = Duration::try_from_secs_f64(t_s - first_s).ok()?;

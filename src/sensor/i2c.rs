@@ -31,8 +31,7 @@ pub use settings::Settings;
 /// How often a chip's configuration is read back, seconds.
 const VERIFY_S: f64 = 1.0;
 
-/// A reading of the gyro and one of the magnetometer that are nearer than this share of the gyro's period are made
-/// together.
+/// Gyro and magnetometer are read together if they are due within this share of the gyro's period.
 const TOGETHER: f64 = 0.4;
 
 pub struct Chips {
@@ -95,8 +94,7 @@ impl Chips {
             .filter_map(Health::trouble)
     }
 
-    /// When the next thing is to be done. A tick shortly before the magnetometer's time waits for that: one
-    /// wake-up less.
+    /// Time of the next action. A tick shortly before the magnetometer is due waits for it, which saves a wake-up.
     fn due_s(&self) -> f64 {
         let magnetometer = self.magnetometer.due_s();
         let companions = [&self.gyro, &self.accel].into_iter().flatten();
@@ -131,7 +129,8 @@ impl Chips {
         if now_s < self.tick_s - TOGETHER * self.period_s {
             return Ok(());
         }
-        // Each tick is counted from the one before, so that being late never adds up; lost ones are not made up for.
+        // Each tick is scheduled from the one before, so delays do not accumulate; missed ticks are skipped, and an early one
+        // moves the next.
         let late_s = now_s - self.tick_s;
         self.tick_s += self.period_s;
         if !(0.0..self.period_s).contains(&late_s) {

@@ -71,7 +71,7 @@ pub fn refuse_folder(found: &Metadata) -> io::Result<()> {
     Ok(())
 }
 
-/// Opens a log. A pipe may be one, but the system would wait for ever for somebody to write to it.
+/// Opens a log. Opening a named pipe blocks until a writer opens it, so a thread does that, with a timeout.
 fn open(path: &Path) -> io::Result<File> {
     if path == Path::new("-") {
         return Ok(io::stdin().as_fd().try_clone_to_owned()?.into());
@@ -87,7 +87,7 @@ fn open(path: &Path) -> io::Result<File> {
     let (sender, opened) = mpsc::channel();
     let pipe = path.to_owned();
     thread::Builder::new().spawn(move || {
-        // An error means that it is not waited for any more.
+        // An error means that the timeout has passed.
         let _ = sender.send(File::open(pipe));
     })?;
     opened.recv_timeout(PIPE_PATIENCE).unwrap_or_else(|_| {

@@ -127,7 +127,7 @@ pub struct History {
     /// The number of the active calibration, if there is one.
     #[serde(rename = "in_force", default, skip_serializing_if = "Option::is_none")]
     pub active: Option<u64>,
-    /// The number given last: none is given twice, unless the largest is reached.
+    /// The number given last; no number is given twice. Saving fails beyond `LARGEST_NUMBER`.
     pub last_number: u64,
     /// The calibrations, in the order of their numbers.
     #[serde(rename = "history")]

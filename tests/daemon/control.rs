@@ -4,6 +4,6 @@ mod commands;
 pub mod link;
 mod long;
 mod mounting;
-mod orders;
+mod requests;
 mod socket;
 mod trouble;

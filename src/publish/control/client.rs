@@ -1,4 +1,4 @@
-//! One client of the control socket: its lines are orders, and each gets an answer.
+//! One client of the control socket: its lines are requests, and each gets an answer.
 
 use std::io;
 use std::time::{Duration, Instant};
@@ -29,7 +29,7 @@ const WRITE_PATIENCE: Duration = Duration::from_secs(5);
 /// Serves one client until it leaves, breaks, is idle for too long, or `stop` says that the server stops.
 pub(super) async fn serve(
     stream: UnixStream,
-    orders: mpsc::Sender<ControlCall>,
+    requests: mpsc::Sender<ControlCall>,
     mut stop: watch::Receiver<bool>,
 ) -> Result<(), ClientError> {
     let peer = stream.peer_cred()?;
@@ -59,7 +59,7 @@ pub(super) async fn serve(
                 allowance.spend(Instant::now(), ANSWER);
                 continue;
             }
-            None => answer(text, &peer, &mut allowance, &orders).await,
+            None => answer(text, &peer, &mut allowance, &requests).await,
         };
         timeout(WRITE_PATIENCE, writer.write_all(answer.line().as_bytes()))
             .await
@@ -110,14 +110,14 @@ async fn answer(
     text: &[u8],
     peer: &UCred,
     allowance: &mut Allowance,
-    orders: &mpsc::Sender<ControlCall>,
+    requests: &mpsc::Sender<ControlCall>,
 ) -> Answer {
     let (pid, uid, gid) = (peer.pid(), peer.uid(), peer.gid());
     match ControlRequest::parse(text) {
         Ok(request) => {
             let (changes, words) = (request.changes(), request.to_string());
             allowance.spend(Instant::now(), ANSWER);
-            let answer = carry_out(request, orders).await;
+            let answer = carry_out(request, requests).await;
             let (code, message) = (answer.code, &answer.message);
             if changes {
                 tracing::info!(target: CHANGES, pid, uid, gid, code, "asked for {words}: {message}");
@@ -135,14 +135,14 @@ async fn answer(
     }
 }
 
-async fn carry_out(request: ControlRequest, orders: &mpsc::Sender<ControlCall>) -> Answer {
+async fn carry_out(request: ControlRequest, requests: &mpsc::Sender<ControlCall>) -> Answer {
     let (sender, answer) = oneshot::channel();
-    let order = ControlCall {
+    let call = ControlCall {
         request,
         answer: sender,
     };
     let ending = || Answer::refused("stopping", "the daemon is about to stop");
-    if orders.send(order).await.is_err() {
+    if requests.send(call).await.is_err() {
         return ending();
     }
     match timeout(PATIENCE, answer).await {

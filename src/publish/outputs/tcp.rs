@@ -99,7 +99,7 @@ pub(super) async fn run(
                 });
             }
             Ok((_, peer)) => {
-                tracing::info!("{peer} is one client of TCP too many: {MOST_CLIENTS} are served");
+                tracing::info!("refused TCP client {peer}: {MOST_CLIENTS} are connected already");
             }
             Err(error) => {
                 // The client stays in the queue. Once an episode.

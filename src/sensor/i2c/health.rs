@@ -13,7 +13,7 @@ const QUIET_S: f64 = 2.0;
 
 pub(super) struct Health {
     what: &'static str,
-    /// Without this chip the source has a fault, which is logged as the state.
+    /// The state reports that this chip is down, and is logged: such faults are not logged here.
     vital: bool,
     /// When the chip must be set up; `None` while it works.
     pub(super) set_up_at_s: Option<f64>,
@@ -26,7 +26,7 @@ struct Faults {
     since_s: f64,
     last_s: f64,
     count: u64,
-    /// The codes that have been logged, or left to the state.
+    /// Codes that were logged here, or that the state reports.
     told: Vec<&'static str>,
     newest: SourceFault,
 }
@@ -69,7 +69,7 @@ impl Health {
         let working = self.set_up_at_s.is_none();
         let again = !working || !error.is_passing() || self.in_a_row >= IN_A_ROW;
         if again {
-            // A fault of the whole bus is the state, too: it is not logged for each chip.
+            // The state also reports a fault of the whole bus, so that is not logged per chip.
             let is_state = self.vital || ["no_bus", "permission"].contains(&faults.newest.code);
             faults.tell(is_state);
             self.set_up_at_s = Some(now_s + self.wait_s);
@@ -83,7 +83,7 @@ impl Health {
         let Some(faults) = &mut self.faults else {
             return;
         };
-        // The chip went on by itself: that is no state.
+        // If the chip recovered without a reset, no state reported that, so log it.
         faults.tell(false);
         if now_s - faults.last_s > QUIET_S {
             tracing::info!(

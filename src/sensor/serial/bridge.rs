@@ -25,7 +25,7 @@ const LOOK: Duration = Duration::from_millis(50);
 const AWAY_S: f64 = 0.2;
 /// Pauses before the port is tried again, the first, doubled each time up to the last.
 const PAUSES: (Duration, Duration) = (Duration::from_millis(100), Duration::from_secs(3));
-/// A device that takes nothing for this long does not listen.
+/// Write timeout.
 const WRITE_PATIENCE: Duration = Duration::from_millis(100);
 
 /// A device behind a serial line, whether it is there or not.
@@ -42,7 +42,7 @@ pub struct Bridge {
     retry: Instant,
     pause: Duration,
     waiting: VecDeque<SourceEvent>,
-    /// What was said last to be wrong.
+    /// Code of the fault reported last; `None` once fields resume.
     trouble: Option<&'static str>,
     found: Protocol,
     last_s: f64,
@@ -107,7 +107,7 @@ impl Bridge {
             if let Some((stream, _)) = &mut self.port {
                 let read = timeout(LOOK, stream.read(&mut self.bytes[..])).await;
                 let gone = self.take(read.ok());
-                self.carry_out_orders(gone).await;
+                self.carry_out(gone).await;
             } else if left.is_zero() {
                 self.open();
             } else {
@@ -177,22 +177,22 @@ impl Bridge {
         }
     }
 
-    /// Does what the time asks for, and closes a port that is gone.
-    async fn carry_out_orders(&mut self, mut gone: Option<String>) {
+    /// Carries out what is due, and closes a port that is gone.
+    async fn carry_out(&mut self, mut gone: Option<String>) {
         let Some((stream, session)) = &mut self.port else {
             return;
         };
-        let orders = session.orders(self.looked_s);
-        if let (None, Some(bytes)) = (&gone, orders.send) {
+        let due = session.due(self.looked_s);
+        if let (None, Some(bytes)) = (&gone, due.send) {
             // What was not taken in time will be sent again.
             if let Ok(Err(error)) = timeout(WRITE_PATIENCE, stream.write_all(bytes)).await {
                 gone = Some(error.to_string());
             }
         }
-        if let Some(refused) = orders.refused {
+        if let Some(refused) = due.refused {
             tracing::warn!("{}: {refused}", self.settings.port.display());
         }
-        if gone.is_some() || orders.reopen {
+        if gone.is_some() || due.reopen {
             if session.frames.lost() > 0 {
                 tracing::info!(
                     frames = session.frames.lost(),
@@ -212,7 +212,7 @@ impl Bridge {
                 self.settings.port.display()
             ),
         });
-        if let Some(trouble) = unplugged.or(orders.trouble) {
+        if let Some(trouble) = unplugged.or(due.trouble) {
             self.complain(trouble);
         }
     }

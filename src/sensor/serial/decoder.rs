@@ -24,7 +24,7 @@ impl Decoder {
         }
     }
 
-    /// Hands over what `bytes` complete, in order. What is known of the device's log rows outlives the decoder.
+    /// Decodes `bytes`, and calls `found` with each completed item. The caller keeps `log_rows`, which outlives a port.
     pub(super) fn feed(&mut self, bytes: &[u8], log_rows: &mut LogRows, found: impl FnMut(Item)) {
         match self.protocol {
             Protocol::Razor => self.razor_text.feed(bytes, found),

@@ -5,7 +5,7 @@ use super::log_rows::HEADER_S;
 use super::settings::{Protocol, Settings};
 use crate::condition::SourceFault;
 
-/// A text has hardly any byte that is no character; wrong speeds and binary numbers have many.
+/// A larger share of non-text bytes means a wrong speed or a binary protocol.
 const ODD_SHARE: f64 = 0.1;
 /// After so many good rows without a field, the last refused line is not the reason.
 const MANY_ROWS: u32 = 100;

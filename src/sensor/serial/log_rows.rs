@@ -84,7 +84,7 @@ impl LogRows {
         self.turn();
     }
 
-    /// Hands over what `bytes` complete, in order.
+    /// Decodes `bytes`, and calls `found` with each completed item.
     pub fn feed(&mut self, mut bytes: &[u8], mut found: impl FnMut(Item)) {
         let mut lines = std::mem::take(&mut self.lines);
         while let Some(line) = lines.next(&mut bytes) {

@@ -45,7 +45,7 @@ impl RazorBinary {
         }
     }
 
-    /// Hands over what `bytes` complete, in order.
+    /// Decodes `bytes`, and calls `found` with each completed item.
     pub fn feed(&mut self, bytes: &[u8], mut found: impl FnMut(Item)) {
         for &byte in bytes {
             self.take(byte, &mut found);

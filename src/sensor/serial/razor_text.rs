@@ -54,7 +54,7 @@ impl RazorText {
         }
     }
 
-    /// Hands over what `bytes` complete, in order.
+    /// Decodes `bytes`, and calls `found` with each completed item.
     pub fn feed(&mut self, mut bytes: &[u8], mut found: impl FnMut(Item)) {
         let gain = self.counts_per_gauss;
         while let Some(line) = self.lines.next(&mut bytes) {

@@ -21,7 +21,7 @@ const NEXT_S: f64 = 2.0;
 const REOPEN_S: f64 = 12.0;
 
 #[derive(Debug, Default)]
-pub(super) struct Orders {
+pub(super) struct Due {
     pub(super) send: Option<&'static [u8]>,
     /// A fault to report, once.
     pub(super) trouble: Option<SourceFault>,
@@ -120,7 +120,7 @@ impl PortSession {
             }
         }
         if self.decoder.is_lost() {
-            self.start.order_again();
+            self.start.select_again();
         }
         if field {
             self.field_s = now_s;
@@ -135,7 +135,7 @@ impl PortSession {
         match &item {
             Item::Early => self.good_s = now_s,
             Item::Synch(id) => self.start.answered(*id),
-            Item::OtherMode(_) => self.start.order_again(),
+            Item::OtherMode(_) => self.start.select_again(),
             // Before the first reading, half a line and boot messages are normal.
             Item::Bad(why) | Item::BadHeader(why) if self.good > 0 => self.count_bad(why),
             _ => {}
@@ -161,7 +161,7 @@ impl PortSession {
     }
 
     /// Returns what is due at this time.
-    pub(super) fn orders(&mut self, now_s: f64) -> Orders {
+    pub(super) fn due(&mut self, now_s: f64) -> Due {
         if now_s - self.heard_s > NEXT_S {
             self.start.ask_again(now_s);
         }
@@ -170,7 +170,7 @@ impl PortSession {
         if complain {
             self.patience_s = f64::INFINITY;
         }
-        Orders {
+        Due {
             send: self.start.due(now_s, protocol),
             refused: self.refused.take(),
             trouble: complain.then(|| self.diagnosis.trouble(&self.settings, protocol)),
@@ -197,21 +197,21 @@ mod tests {
     }
 
     /// What is said in so many seconds of these lines, ten times a second; `{i}` in them is another digit each time.
-    fn said((session, rows): &mut Rig, from_s: u32, seconds: u32, lines: &str) -> Vec<Orders> {
+    fn said((session, rows): &mut Rig, from_s: u32, seconds: u32, lines: &str) -> Vec<Due> {
         let said = |i: u32| {
             let now_s = f64::from(from_s) + f64::from(i) / 10.0;
             let lines = lines
                 .replace("{t}", &now_s.to_string())
                 .replace("{i}", &(i % 10).to_string());
             session.bytes(lines.as_bytes(), rows, now_s);
-            session.orders(now_s)
+            session.due(now_s)
         };
         (1..=10 * seconds).map(said).collect()
     }
 
-    fn only_trouble(said: Vec<Orders>) -> String {
-        assert!(said.iter().all(|orders| !orders.reopen));
-        let mut troubles = said.into_iter().filter_map(|orders| orders.trouble);
+    fn only_trouble(said: Vec<Due>) -> String {
+        assert!(said.iter().all(|due| !due.reopen));
+        let mut troubles = said.into_iter().filter_map(|due| due.trouble);
         let trouble = troubles.next().expect("a trouble");
         assert_eq!(troubles.next(), None);
         format!("{}: {}", trouble.code, trouble.message)
@@ -227,7 +227,7 @@ mod tests {
         assert!(
             said(&mut razor, 0, 3, good)
                 .iter()
-                .all(|orders| orders.trouble.is_none())
+                .all(|due| due.trouble.is_none())
         );
         let trouble = only_trouble(said(&mut razor, 3, 20, &failed));
         assert!(
@@ -255,7 +255,7 @@ mod tests {
         let mut told = Vec::new();
         for (lines, now_s) in [(plain, 1.0), (plain, 2.1), (&wrong, 2.2), (plain, 2.3)] {
             session.bytes(lines.as_bytes(), &mut rows, now_s);
-            let trouble = session.orders(now_s).trouble;
+            let trouble = session.due(now_s).trouble;
             told.extend(trouble.map(|trouble| (now_s, trouble)));
         }
         let rights = [
@@ -278,10 +278,8 @@ mod tests {
     fn refused_lines_are_told_at_the_first_and_at_each_tenfold() {
         let mut rows = session(Protocol::LogRows);
         let good = "{t},1,{i},3,0,0,0\n";
-        let told = |said: Vec<Orders>| -> Vec<String> {
-            said.into_iter()
-                .filter_map(|orders| orders.refused)
-                .collect()
+        let told = |said: Vec<Due>| -> Vec<String> {
+            said.into_iter().filter_map(|due| due.refused).collect()
         };
         assert!(told(said(&mut rows, 0, 1, &format!("{HEADER}nonsense\n"))).is_empty());
         assert!(told(said(&mut rows, 1, 1, good)).is_empty());

@@ -5,7 +5,7 @@
 
 use super::settings::Protocol;
 
-/// Asked this often, seconds, and after [`SOON_S`] less often: each unheard request may be half of a later one.
+/// Interval of requests, seconds; longer after [`SOON_S`], since the firmware may join the rest of one request to the next.
 const PACE_S: f64 = 0.2;
 const SOON_S: f64 = 5.0;
 const LATER_PACE_S: f64 = 1.0;
@@ -19,7 +19,7 @@ const BINARY: &[u8] = b"#osrb#o1#oe0#s01";
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     Asking,
-    Ordering,
+    Selecting,
     Done,
 }
 
@@ -50,8 +50,8 @@ impl Start {
         let bytes = match (self.stage, protocol) {
             (_, Protocol::LogRows) | (Stage::Done, _) => return None,
             (Stage::Asking, _) | (_, Protocol::Auto) => ASK,
-            (Stage::Ordering, Protocol::Razor) => TEXT,
-            (Stage::Ordering, Protocol::RazorBinary) => BINARY,
+            (Stage::Selecting, Protocol::Razor) => TEXT,
+            (Stage::Selecting, Protocol::RazorBinary) => BINARY,
         };
         is_due.then(|| {
             self.sent_s = now_s;
@@ -62,18 +62,18 @@ impl Start {
     pub(super) fn answered(&mut self, id: [u8; 2]) {
         match (self.stage, &id) {
             (Stage::Asking, b"00") => {
-                self.stage = Stage::Ordering;
+                self.stage = Stage::Selecting;
                 self.sent_s = f64::NEG_INFINITY;
             }
-            (Stage::Ordering, b"01") => self.stage = Stage::Done,
+            (Stage::Selecting, b"01") => self.stage = Stage::Done,
             _ => {}
         }
     }
 
     /// The device sends another output than the selected one: it was reset.
-    pub(super) fn order_again(&mut self) {
+    pub(super) fn select_again(&mut self) {
         if self.stage == Stage::Done {
-            self.stage = Stage::Ordering;
+            self.stage = Stage::Selecting;
         }
     }
 
@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_asks_then_orders_then_is_quiet() {
+    fn it_asks_then_selects_then_is_quiet() {
         let mut start = Start::at(1.0);
         assert_eq!(start.due(0.9, Protocol::Razor), None);
         assert_eq!(start.due(1.0, Protocol::Razor), Some(ASK));
@@ -104,7 +104,7 @@ mod tests {
         assert_eq!(start.due(8.7, Protocol::RazorBinary), Some(BINARY));
         start.answered(*b"01");
         assert_eq!(start.due(100.0, Protocol::Razor), None);
-        start.order_again();
+        start.select_again();
         assert_eq!(start.due(100.1, Protocol::Razor), Some(TEXT));
         start.answered(*b"01");
         start.ask_again(101.0);

@@ -31,7 +31,7 @@ pub struct SteadyClock {
     count: u64,
     lost: u64,
     last_s: f64,
-    /// Nobody listened for a while: what comes now may have waited.
+    /// The port was not read for a while: arriving frames may be old.
     away: bool,
     rate: Option<Rate>,
 }
@@ -62,7 +62,7 @@ impl SteadyClock {
     /// The time of the frame that has arrived, seconds on the clock of the arrivals. Times never decrease, and
     /// are never later than the arrival.
     pub fn time(&mut self, arrival_s: f64) -> f64 {
-        // What has waited comes faster than it was sent.
+        // Buffered frames arrive faster than they were sent.
         if self.away {
             self.rate = None;
         } else {
@@ -91,8 +91,7 @@ impl SteadyClock {
         self.last_s
     }
 
-    /// Nobody has listened for a while. The frames that come now may have waited: they are as old as their count says,
-    /// until they have caught up.
+    /// The port was not read for a while. Until the buffered frames are through, a frame's age follows from its count.
     pub fn resume(&mut self) {
         self.away = true;
     }

@@ -10,8 +10,8 @@ use super::thread::{Shared, Thread, lock};
 use crate::publish::control::status::FolderSummary;
 use crate::store::{CalibrationFile, History, Identity, Store, StoreError};
 
-/// Pauses before a save that failed is tried again: the first, doubled each time up to the last. Other programs, too, take room
-/// as soon as there is some.
+/// Pauses before a save that failed is tried again: the first, doubled each time up to the last. They are short, since other
+/// programs compete for freed space.
 const PAUSES: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(5));
 
 /// How many jobs wait for the disk.
@@ -21,7 +21,7 @@ const WAITING_JOBS: usize = 16;
 pub(super) type OnSaved = Box<dyn FnOnce(Result<(), String>) + Send>;
 
 /// A folder and the thread that writes there. The sessions before and after a reload share it.
-pub(super) struct Disk {
+pub(super) struct StoreWriter {
     queue: mpsc::SyncSender<Job>,
     /// The newest history of each sensor, until the thread saves it.
     newest: Shared<CalibrationFile>,
@@ -38,7 +38,7 @@ enum Job {
     Save(OnSaved),
 }
 
-impl Disk {
+impl StoreWriter {
     pub(super) fn open(directory: &Path) -> Result<Self, DaemonError> {
         let (newest, fault) = (Shared::default(), Shared::default());
         let (store, error) = match Store::claim(directory) {
@@ -58,7 +58,7 @@ impl Disk {
             *lock(&fault) = Some(message);
         }
         let (queue, jobs) = mpsc::sync_channel(WAITING_JOBS);
-        let writer = DiskWriter {
+        let writer = WriterThread {
             directory: directory.to_owned(),
             store,
             known: CalibrationFile::default(),
@@ -77,10 +77,10 @@ impl Disk {
         })
     }
 
-    /// What is kept of this sensor, with all that was to be saved before.
+    /// Loads this sensor's history, including saves that are still queued.
     pub(super) fn load(&self, identity: Identity) -> Option<History> {
         let (sender, loaded) = mpsc::channel();
-        // A thread that has failed says so when something is to be saved.
+        // If the thread has failed, the next save reports that.
         self.queue.send(Job::Load(identity, sender)).ok()?;
         loaded.recv().ok()?
     }
@@ -147,7 +147,7 @@ fn load(directory: &Path, identity: &Identity) -> Result<Option<History>, StoreE
 }
 
 /// Carries out the jobs. What could not be saved is tried again, and complained of once.
-struct DiskWriter {
+struct WriterThread {
     directory: PathBuf,
     store: Option<Store>,
     /// What the file holds of the sensors that were loaded or saved.
@@ -160,7 +160,7 @@ struct DiskWriter {
     fault: Shared<Option<String>>,
 }
 
-impl DiskWriter {
+impl WriterThread {
     fn run(mut self, jobs: &mpsc::Receiver<Job>) -> Result<(), String> {
         loop {
             let failing = self.reopen || !self.unsaved.sensors.is_empty();
@@ -290,8 +290,8 @@ mod tests {
     use super::*;
     use crate::frame::Mounting;
 
-    fn writer(folder: &Path) -> DiskWriter {
-        DiskWriter {
+    fn thread(folder: &Path) -> WriterThread {
+        WriterThread {
             directory: folder.to_owned(),
             store: Some(Store::open(folder).unwrap()),
             known: CalibrationFile::default(),
@@ -307,7 +307,7 @@ mod tests {
     fn a_disk_that_hangs_keeps_the_newest_history_once_it_answers() {
         let folder = tempfile::tempdir().unwrap();
         let (queue, jobs) = mpsc::sync_channel(1);
-        let disk = Disk {
+        let writer = StoreWriter {
             queue,
             newest: Shared::default(),
             thread: Thread::start("test", || Ok(())).unwrap(),
@@ -322,23 +322,23 @@ mod tests {
                 ..History::new(identity.clone())
             };
             let sender = sender.clone();
-            disk.save(history, Box::new(move |kept| sender.send(kept).unwrap()));
+            writer.save(history, Box::new(move |kept| sender.send(kept).unwrap()));
         }
         assert_eq!(
             answers.try_recv().unwrap(),
             Err("the disk hangs".to_owned())
         );
-        assert_eq!(disk.summary().state, "failing");
+        assert_eq!(writer.summary().state, "failing");
 
-        let writer = DiskWriter {
-            newest: disk.newest.clone(),
-            fault: disk.fault.clone(),
-            ..writer(folder.path())
+        let thread = WriterThread {
+            newest: writer.newest.clone(),
+            fault: writer.fault.clone(),
+            ..thread(folder.path())
         };
-        drop(disk.queue);
-        writer.run(&jobs).unwrap();
+        drop(writer.queue);
+        thread.run(&jobs).unwrap();
         assert_eq!(answers.try_recv().unwrap(), Ok(()));
-        assert_eq!(*lock(&disk.fault), None);
+        assert_eq!(*lock(&writer.fault), None);
         let kept = Store::contents(folder.path()).unwrap();
         assert_eq!(kept.find(&identity).unwrap().last_number, 2);
     }
@@ -352,22 +352,22 @@ mod tests {
         };
         // A folder of this name cannot be removed as a file is, so that no store is opened here.
         let obstacle = folder.path().join(".calibration.json.x.tmp");
-        let mut writer = writer(folder.path());
+        let mut thread = thread(folder.path());
         fs::create_dir(&obstacle).unwrap();
-        writer.reopen = true;
+        thread.reopen = true;
         for _ in 0..2 {
-            writer.attempt().unwrap_err();
+            thread.attempt().unwrap_err();
             assert!(is_locked());
         }
-        drop(writer);
+        drop(thread);
 
-        let disk = Disk::open(folder.path()).unwrap();
-        assert_eq!(disk.summary().state, "failing");
+        let writer = StoreWriter::open(folder.path()).unwrap();
+        assert_eq!(writer.summary().state, "failing");
         assert!(is_locked());
         fs::remove_dir(&obstacle).unwrap();
         let (sender, answers) = mpsc::channel();
         let history = History::new(Identity::new("hmc5843", Mounting::default()));
-        disk.save(history, Box::new(move |kept| sender.send(kept).unwrap()));
+        writer.save(history, Box::new(move |kept| sender.send(kept).unwrap()));
         assert_eq!(answers.recv().unwrap(), Ok(()));
         assert!(is_locked());
     }

@@ -34,10 +34,10 @@ impl Daemon {
     }
 
     /// Carries out a request. A change is answered once it is on disk.
-    pub(super) fn order(&mut self, order: ControlCall) {
-        let ControlCall { request, answer } = order;
+    pub(super) fn answer(&mut self, call: ControlCall) {
+        let ControlCall { request, answer } = call;
         self.session.store.take_changed();
-        let done = match self.carry_out_order(request) {
+        let done = match self.carry_out_request(request) {
             Ok(done) if self.session.store.take_changed() => done,
             Ok(unchanged) | Err(unchanged) => {
                 // A client that has left need not be told.
@@ -61,7 +61,7 @@ impl Daemon {
         }));
     }
 
-    fn carry_out_order(&mut self, request: ControlRequest) -> Result<Answer, Answer> {
+    fn carry_out_request(&mut self, request: ControlRequest) -> Result<Answer, Answer> {
         match request {
             ControlRequest::Status {} => Ok(self.status()),
             ControlRequest::List {} => Ok(self.list()),
