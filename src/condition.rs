@@ -27,6 +27,7 @@
 //! | disturbed | the field is as before | good | `good` |
 //! | good | iron comes onto the moving board | disturbed | `field_changed` |
 //! | disturbed | the board moves on with it | good | `good` |
+//! | good | the nose points straight up | degraded | `nose_vertical` |
 //! | good | the accelerometer falls silent | degraded | `no_accelerometer` |
 //! | good | the gyro falls silent | degraded | `no_gyro` |
 //! | good | the gyro reads a constant in a turn | degraded | `gyro_dead` |

@@ -113,9 +113,11 @@ pub struct Estimate {
     proven: Option<Filter>,
     suspended: Option<Box<Suspended>>,
     gyro_recovered: bool,
-    /// One for each axis of the magnetometer, set when the axis begins to repeat a number and may be saturated. Boxed: dropping
-    /// an empty `Option` of 25 kB copies as much, three times a sample.
-    checkpoints: [Option<Box<Checkpoint>>; 3],
+    /// One for each axis of the magnetometer and one for the gyro, set when it begins to repeat a number: the axis may be saturated, and
+    /// the gyro may hang. Boxed: dropping an empty `Option` of 25 kB copies as much, four times a sample.
+    checkpoints: [Option<Box<Checkpoint>>; 4],
+    /// Whether the gyro has repeated its reading at rest.
+    gyro_noiseless: bool,
     iron: IronWatch,
     visit: VisitWatch,
     trial: IronTrial,
@@ -141,7 +143,8 @@ impl Estimate {
             proven: None,
             suspended: None,
             gyro_recovered: false,
-            checkpoints: [const { None }; 3],
+            checkpoints: Default::default(),
+            gyro_noiseless: false,
             iron: IronWatch::default(),
             visit: VisitWatch::default(),
             trial: IronTrial::default(),
@@ -188,6 +191,7 @@ impl Estimate {
 
     /// Takes a sample.
     pub fn take(&mut self, sample: &Sample) {
+        self.watch_for_hung_gyro(sample);
         let unbroken = self.last.is_some();
         let previous = self.last.replace(*sample).unwrap_or(*sample);
         let input = self.input(sample, &previous);
@@ -195,6 +199,11 @@ impl Estimate {
         let lost = std::mem::take(&mut self.lost)
             || sample.motion.pose.frame_id != previous.motion.pose.frame_id
             || sample.t_s - previous.t_s > MOST_PERIOD_S;
+        if self.take_back_hung_gyro(sample, lost) {
+            // The attitude has followed the hung gyro.
+            self.gyro_recovered = true;
+            return self.lose_frame();
+        }
         if lost {
             self.visit = VisitWatch::default();
             self.gyro.lose_frame();
@@ -228,8 +237,8 @@ impl Estimate {
             self.judge_rival(period_s);
             self.try_iron(&input);
         }
-        let restored = self.visit.take(&input, &self.active, self.rival.as_ref());
-        if let Some(restored) = restored {
+        let (rival, fixed) = (self.rival.as_ref(), self.parameters_fixed);
+        if let Some(restored) = self.visit.take(&input, &self.active, rival, fixed) {
             self.active = restored.active;
             self.rival = restored.rival;
             self.iron = IronWatch::default();
@@ -272,11 +281,10 @@ impl Estimate {
                 let known = filter.iron_known_within(filter.strength_mgauss());
                 filter.follow(input, lost, self.parameters_fixed || known);
                 suspended.dead = self.gyro.fault() == Some(GyroFault::Dead);
-                suspended.moved_s += if input.board.still {
-                    0.0
-                } else {
-                    input.period_s
-                };
+                // A dead gyro cannot show that the board is still.
+                if suspended.dead || !input.board.still {
+                    suspended.moved_s += input.period_s;
+                }
                 self.suspended = Some(suspended);
                 return;
             }
@@ -340,12 +348,17 @@ impl Estimate {
         self.trial = IronTrial::default();
     }
 
+    /// Whether two explanations of the samples are being compared.
+    pub fn has_rival(&self) -> bool {
+        self.rival.is_some()
+    }
+
     /// Whether the active filter has been replaced by its rival since this was last asked.
     pub fn take_replaced(&mut self) -> bool {
         std::mem::take(&mut self.replaced)
     }
 
-    /// Whether a dead gyro measures again since this was last asked. Other faults may have been the field's.
+    /// Whether a dead or hung gyro measures again since the last call. Other faults do not count: the field may have caused them.
     pub fn take_gyro_recovered(&mut self) -> bool {
         std::mem::take(&mut self.gyro_recovered)
     }

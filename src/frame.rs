@@ -82,7 +82,9 @@ impl Mounting {
 
     /// A vector in the body frame, seen in chip axes.
     pub fn to_chip(&self, body: Vector3<f64>) -> Vector3<f64> {
-        self.matrix.transpose() * body
+        // People write nine numbers with two decimals: the transpose would be off by up to 1 %.
+        let inverse = self.matrix.try_inverse();
+        inverse.unwrap_or_else(|| self.matrix.transpose()) * body
     }
 }
 
@@ -270,10 +272,13 @@ pub fn heading_deg(field_body: &Vector3<f64>, down: &Vector3<f64>) -> Option<f64
     (hypot(north, east) > 1e-9).then(|| wrap_360(east.atan2(north).to_degrees()))
 }
 
+/// Body X this near the vertical (sine of 10°) has no heading.
+pub const NO_HEADING: f64 = 0.17;
+
 /// Unit vectors over a horizontal plane with this `down`: where body X points, and right of it. `None` within 10° of the
 /// vertical.
-fn horizontal(down: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
-    let forward = Unit::try_new(Vector3::x() - down * down.x, 0.17)?;
+pub fn horizontal(down: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
+    let forward = Unit::try_new(Vector3::x() - down * down.x, NO_HEADING)?;
     Some((*forward, down.cross(&forward)))
 }
 

@@ -53,7 +53,7 @@ pub struct FrozenWatch {
     rest: RestRate,
     /// When the field last changed, seconds.
     changed_s: f64,
-    /// The field when the gyro's run began, and how far it has gone from there.
+    /// The field when the gyro's run began, or its last `BELIED_RAD`, and how far it has gone from there.
     seen: Option<(Vector3<f64>, f64)>,
     magnetometer_frozen: bool,
     gyro_frozen: bool,
@@ -136,9 +136,13 @@ impl FrozenWatch {
         self.rest.take_rate(t_s, rate, field_repeats);
         if self.gyro.is(&rate) && speed >= MOVING_RAD_S {
             self.gyro.readings += 1;
-            let still = |(begun, far): &(Vector3<f64>, f64)| *far < BELIED_SHARE * begun.norm();
-            self.gyro_frozen |=
-                self.gyro.lasts(BELIED_RAD) && self.seen.as_ref().is_some_and(still);
+            if self.gyro.lasts(BELIED_RAD) {
+                let still = |(begun, far): (Vector3<f64>, f64)| far < BELIED_SHARE * begun.norm();
+                // A field that repeats to the last bit may be the frozen one.
+                self.gyro_frozen |= self.seen.take().is_some_and(still) && !field_repeats;
+                // The board may have turned on before it stood still.
+                self.gyro.turned_rad = 0.0;
+            }
         } else {
             self.gyro.begin(rate);
             self.seen = None;
@@ -268,6 +272,16 @@ mod tests {
             assert!((19.0..45.0).contains(&turned_deg), "{deg_s}: {turned_deg}");
             assert_eq!(first(board(40.0, turns, noisy, rate)), None);
         }
+    }
+
+    /// The board coasts on after the gyro has frozen.
+    #[test]
+    fn a_gyro_that_stands_still_before_the_board_does_is_frozen() {
+        let turns = |t_s: f64| if (5.0..8.0).contains(&t_s) { 45.0 } else { 0.0 };
+        let noisy = |t_s: f64, heading| right(t_s, heading).map(|axis| axis + 2.0 * noise(t_s));
+        let rate = |t_s: f64, deg_s| if t_s < 7.0 { deg_s + noise(t_s) } else { 45.0 };
+        let found = board(20.0, turns, noisy, rate);
+        assert_eq!(at(&found, 13.0), Some(GYRO));
     }
 
     #[test]

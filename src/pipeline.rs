@@ -175,8 +175,12 @@ pub struct Pipeline {
     awaited_s: f64,
     /// Strength of the corrected field over the expected one, less 1, low-passed.
     strength_deviation: f64,
-    /// Deviation of the heading of the newest sample, degrees.
+    /// Deviation of the heading of the newest sample, degrees; `UNKNOWN_SD_DEG` without a heading.
     sd_deg: f64,
+    /// Whether body X was within 10° of the vertical at the newest sample: it has no heading.
+    nose_vertical: bool,
+    /// Whether the estimate's rival is the turn of a calibration that was asked for: it is tried in mode `off`, too.
+    asked_for: bool,
     seq: u64,
 }
 
@@ -234,6 +238,8 @@ impl Pipeline {
             awaited_s: 0.0,
             strength_deviation: 0.0,
             sd_deg: UNKNOWN_SD_DEG,
+            nose_vertical: false,
+            asked_for: false,
             seq: 0,
         }
     }

@@ -1,4 +1,4 @@
-//! Restores what was known before an axis saturated, which is recognised only after some of its samples have been taken.
+//! Restores what was known before an axis saturated, or before the gyro hung: both are recognised only after some samples have been taken.
 
 use super::filter::Filter;
 use super::filter::gyro_bias::BiasLearnt;
@@ -6,7 +6,12 @@ use super::gyro_check::GyroCheck;
 use super::iron_watch::IronWatch;
 use super::rival::IronTrial;
 use super::visit::VisitWatch;
-use super::{Estimate, Rival, Sample};
+use super::{Estimate, MOST_PERIOD_S, Rival, Sample};
+
+/// The place of the gyro's checkpoint, after those of the magnetometer's three axes.
+const GYRO: usize = 3;
+/// A gyro that repeats its reading for longer than usual by this, seconds, may hang: ten readings at 100 Hz, which noise does not repeat.
+const HANGS_S: f64 = 0.1;
 
 /// What was known at a sample.
 pub(super) struct Checkpoint {
@@ -53,7 +58,7 @@ impl Estimate {
         let rival = kept.rival.as_mut().map(|rival| &mut rival.filter);
         for filter in [&mut kept.active].into_iter().chain(rival) {
             filter.learn_of_gyro_bias(&learnt, self.parameters_fixed);
-            filter.pass(&meanwhile);
+            filter.pass(&meanwhile, self.parameters_fixed);
         }
         if let Some(proven) = &mut kept.proven {
             proven.wait(&learnt);
@@ -61,13 +66,16 @@ impl Estimate {
         self.active = kept.active;
         self.rival = kept.rival;
         self.proven = kept.proven;
+        if kept.gyro.fault().is_none() {
+            self.suspended = None;
+        }
         self.gyro = kept.gyro;
         self.gyro.lose_frame();
         self.iron = kept.iron;
         self.trial = IronTrial::default();
         self.visit = VisitWatch::default();
         // Later checkpoints of other axes contain the bad samples, so they are set anew.
-        for other in 0..3 {
+        for other in 0..self.checkpoints.len() {
             let kept_s = self.checkpoints[other].as_ref().map(|one| one.sample.t_s);
             if kept_s.is_some_and(|kept_s| kept_s > kept.sample.t_s) {
                 self.checkpoints[other] = None;
@@ -76,8 +84,44 @@ impl Estimate {
         }
     }
 
+    /// Sets a checkpoint while the gyro repeats its reading, unless it is one without noise, which repeats its reading at rest. Called before
+    /// a sample is taken.
+    pub(super) fn watch_for_hung_gyro(&mut self, sample: &Sample) {
+        let constant_s = sample.board.gyro_constant_s;
+        self.gyro_noiseless |= sample.board.still && constant_s > MOST_PERIOD_S;
+        if sample.board.still && self.gyro_noiseless {
+            self.drop_checkpoint(GYRO);
+        } else if constant_s > HANGS_S {
+            self.set_checkpoint(GYRO);
+        }
+    }
+
+    /// Whether the gyro hung until this sample, which is the newest: its reading has changed after it was repeated, and the rotation that it
+    /// claimed meanwhile does not explain the field. Then what it taught is taken back.
+    ///
+    /// A gyro without noise repeats its reading in an even rotation, too; then the field agrees.
+    pub(super) fn take_back_hung_gyro(&mut self, sample: &Sample, lost: bool) -> bool {
+        let over = sample.board.gyro_constant_s <= HANGS_S;
+        let Some(kept) = self.checkpoints[GYRO].as_ref().filter(|_| over) else {
+            return false;
+        };
+        let mut meanwhile = self.input(sample, &kept.sample);
+        meanwhile.rate_rad_s = meanwhile.turned_rad / meanwhile.period_s;
+        let mut filter = kept.active.clone();
+        filter.pass(&meanwhile, true);
+        let hung = lost || filter.begun && filter.is_odd(&meanwhile);
+        if hung {
+            self.gyro_bias = Some(sample.board.gyro_bias);
+            self.go_back(GYRO);
+        } else {
+            self.gyro_noiseless |= kept.sample.board.still;
+            self.drop_checkpoint(GYRO);
+        }
+        hung
+    }
+
     /// Drops all checkpoints: the frame that they refer to is gone, or a turn has been adopted since they were set.
     pub(super) fn forget_checkpoints(&mut self) {
-        self.checkpoints = [const { None }; 3];
+        self.checkpoints = Default::default();
     }
 }

@@ -239,10 +239,10 @@ impl Filter {
         }
     }
 
-    /// Carries the state on to a sample that is no measurement.
-    pub(super) fn pass(&mut self, input: &Input) {
+    /// Carries the state on to a sample that is no measurement. With `fixed`, hard iron and matrix stay as they are.
+    pub(super) fn pass(&mut self, input: &Input, fixed: bool) {
         if self.begun {
-            self.predict(input, false);
+            self.predict(input, fixed);
             self.innovation = None;
             self.whiteness.interrupt();
             self.odd = None;

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use super::strength::{MOST_RAW_MGAUSS, horizontal, sd_along};
 use super::{Estimate, EstimatedHeading, kept, level};
 use crate::attitude::Pose;
-use crate::frame::{heading_deg, hypot, wrap_360};
+use crate::frame::{NO_HEADING, heading_deg, hypot, wrap_360};
 use crate::reading::STRONGEST_MGAUSS;
 
 /// Deviation of a heading of which nothing is known, degrees: half a turn.
@@ -17,8 +17,6 @@ const DOUBT: f64 = 0.45;
 /// A scale error of the gyro turns the field in the frame by that share of the angle to the mean heading. RMS of this angle, radians:
 /// uniform up to half a turn, π/√3.
 const TURNED_RAD: f64 = PI / 1.732;
-/// Body X this near the vertical (sine of 10°) has no heading.
-const NO_HEADING: f64 = 0.17;
 
 impl EstimatedHeading {
     /// A heading in degrees with its deviation in radians, which is at most half a turn.

@@ -141,7 +141,9 @@ impl PlaceEvidence {
     /// The known field with this evidence; as it is while anything contradicts the evidence.
     pub(super) fn on(&self, known: FieldInFrame) -> FieldInFrame {
         let innovation = match self.innovation(&known) {
-            Some(innovation) if self.against_s == 0.0 => innovation,
+            Some(innovation) if self.against_s == 0.0 && innovation.squared() <= CONTRADICTED => {
+                innovation
+            }
             _ => return known,
         };
         let by_field: Matrix3x2<f64> = known.field_covariance * innovation.parts.transpose();

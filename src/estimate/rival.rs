@@ -46,7 +46,7 @@ impl IronTrial {
         if blocked || !(active.odd() || active.disturbed()) {
             self.before_jump = None;
         } else if let Some(before) = &mut self.before_jump {
-            before.pass(input);
+            before.pass(input, false);
         } else if active.odd() && !active.disturbed() {
             self.before_jump = Some(Box::new(active.clone()));
         }

@@ -47,12 +47,14 @@ struct Rest {
 }
 
 impl VisitWatch {
-    /// Takes a sample that the filters have followed. Returns those from before the visit, if a visit has just ended.
+    /// Takes a sample that the filters have followed, with `fixed` parameters or free ones. Returns the filters from before the visit, if a
+    /// visit has just ended.
     pub(super) fn take(
         &mut self,
         input: &Input,
         active: &Filter,
         rival: Option<&Rival>,
+        fixed: bool,
     ) -> Option<FiltersBefore> {
         let disturbed = active.disturbed();
         let now = || FiltersBefore {
@@ -76,7 +78,7 @@ impl VisitWatch {
             self.rest = None;
         } else if !disturbed && rest.off_mgauss.is_none() {
             rest.before = now();
-        } else if rest.follow_visit(input) {
+        } else if rest.follow_visit(input, fixed) {
             return self.rest.take().map(|rest| rest.before);
         }
         None
@@ -106,9 +108,9 @@ impl Rest {
     }
 
     /// Carries the kept filters on through the visit. Whether it is over.
-    fn follow_visit(&mut self, input: &Input) -> bool {
+    fn follow_visit(&mut self, input: &Input, fixed: bool) -> bool {
         for filter in self.before.filters_mut() {
-            filter.pass(input);
+            filter.pass(input, fixed);
         }
         let filter = &self.before.active;
         let (innovation, covariance) = filter.foresee(input);

@@ -34,6 +34,7 @@ impl Pipeline {
     pub(super) fn set_policy(&mut self, policy: Policy, actions: &mut Vec<Action>) {
         self.policy = policy;
         self.armed &= policy != Policy::Locked;
+        self.asked_for = false;
         let wanted = self.wanted().is_some();
         if let Some(job) = &mut self.job {
             job.unwanted |=
@@ -129,6 +130,7 @@ impl Pipeline {
                 (Verdict::Accepted, Some(calibration)) => {
                     outcome.calibration = Some(self.with_biases(calibration));
                     self.adopt(&mut outcome, &calibration);
+                    self.asked_for = job.origin == CalibrationOrigin::Start;
                     self.refused = None;
                 }
                 (verdict, _) => {

@@ -39,6 +39,10 @@ impl Pipeline {
         let old = self.buffer.partition_point(|one| one.t_s < oldest_s);
         let surplus = self.buffer.len().saturating_sub(most);
         self.buffer.drain(..old.max(surplus));
+        self.drop_turns_before(oldest_s);
+    }
+
+    fn drop_turns_before(&mut self, oldest_s: f64) {
         let old = self
             .completed
             .partition_point(|turn| turn.start_s < oldest_s);
@@ -47,6 +51,8 @@ impl Pipeline {
 
     /// Takes note of a full turn.
     pub(super) fn turned(&mut self, turn: Turn, actions: &mut Vec<Action>) {
+        // Turns need no magnetometer, so samples that would drop old turns may be missing.
+        self.drop_turns_before(turn.end_s - self.setup.pipeline.buffer_s);
         self.completed.push_back(turn);
         actions.push(Action::Turned(turn));
         match &mut self.job {

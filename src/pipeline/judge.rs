@@ -106,6 +106,10 @@ impl Pipeline {
             let message = "no gyro data: headings are those of single samples";
             return self.report_as(Condition::Degraded, "no_gyro", message);
         }
+        if self.nose_vertical {
+            let message = "the board's X axis is nearly vertical, where it has no heading: hold it more level";
+            return self.report_as(Condition::Degraded, "nose_vertical", message);
+        }
         // NaN is not certain.
         let certain = self.sd_deg <= self.setup.pipeline.good_sd_deg;
         if !certain {

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use super::{Action, Pipeline};
 use crate::attitude::Pose;
 use crate::condition::Condition;
-use crate::estimate::{EstimatedHeading, Sample};
-use crate::frame::{dip_deg, heading_deg, pitch_and_roll_deg};
+use crate::estimate::{EstimatedHeading, Sample, UNKNOWN_SD_DEG};
+use crate::frame::{dip_deg, heading_deg, horizontal, pitch_and_roll_deg};
 use crate::heading::{Heading, MagStatus};
 use crate::reading::HELD_S;
 
@@ -69,9 +69,8 @@ impl Pipeline {
         let rate_rad_s = self.rate_rad_s(t_s).map_or(0.0, |rate| rate.norm());
         let instantaneous = self.estimate.heading_of_sample(raw, level, rate_rad_s);
         let best = if pose.is_some() { fused } else { instantaneous };
-        if let Some(best) = &best {
-            self.sd_deg = best.sd_deg;
-        }
+        self.sd_deg = best.map_or(UNKNOWN_SD_DEG, |best| best.sd_deg);
+        self.nose_vertical = level.is_some_and(|(down, _)| horizontal(&down).is_none());
         let possible =
             self.estimate.impossible_strength_mgauss().is_none() && self.axes_are_right();
         let most_sd_deg = self.setup.pipeline.publish_sd_deg;
@@ -157,8 +156,9 @@ impl Pipeline {
             motion,
             board: self.intake.attitude.state(t_s),
         };
-        self.estimate
-            .fix_parameters(self.wanted().is_none() && self.learning.calibrated);
+        let on_trial = self.asked_for && self.estimate.has_rival();
+        let fixed = self.wanted().is_none() && self.learning.calibrated && !on_trial;
+        self.estimate.fix_parameters(fixed);
         self.estimate.take(&sample);
         if self.estimate.take_gyro_recovered() {
             // The attitude has followed the dead gyro, and learnt a wrong bias of it.

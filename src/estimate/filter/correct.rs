@@ -122,6 +122,14 @@ impl Filter {
         self.update(&(cross * inverse), &cross, &innovation, fixed);
     }
 
+    /// Whether a sample that is not taken is beyond the gate.
+    pub fn is_odd(&self, input: &Input) -> bool {
+        let (innovation, covariance) = self.foresee(input);
+        let white = self.white_noise2(&input.turn_rate());
+        let inverse = (covariance + Matrix3::identity() * white).try_inverse();
+        inverse.is_some_and(|inverse| innovation.dot(&(inverse * innovation)) > GATE)
+    }
+
     /// The innovation of a sample that is not taken, body axes, milligauss, and its covariance but for the noise of samples, milligauss².
     pub fn foresee(&self, input: &Input) -> (Vector3<f64>, Matrix3<f64>) {
         let (predicted, innovation) = self.predicted(input);

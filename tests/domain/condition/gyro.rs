@@ -210,3 +210,63 @@ fn without_a_gyro_a_wrong_tilt_shows_in_the_dip() {
         "{steady_deg} {tilted_deg}"
     );
 }
+
+/// What it claims meanwhile, the field contradicts once its reading changes again.
+#[test]
+fn a_gyro_that_hangs_for_a_moment_leaves_no_wrong_north() {
+    let turning: fn(Vector3<f64>) -> Vector3<f64> = |_| Vector3::z() * 60f64.to_radians();
+    let resting: fn(Vector3<f64>) -> Vector3<f64> = |_| Vector3::zeros();
+    // It hangs at this rate for so many seconds, in which the board turns by these degrees.
+    for (rate, hangs_s, turned_deg) in [
+        (turning, 0.4, 0.0),
+        (turning, 1.0, 0.0),
+        (turning, 5.0, 0.0),
+        (turning, 20.0, 30.0),
+        (resting, 1.0, 60.0),
+        (resting, 2.0, -90.0),
+    ] {
+        let mut board = Board::taught(1);
+        if rate != resting {
+            board.turn(60.0);
+        }
+        board.gyro = rate;
+        board.turn(turned_deg);
+        board.rest(hangs_s - turned_deg.abs() / 60.0);
+        board.gyro = |rate| rate;
+        for _ in 0..10 {
+            board.rest(0.5);
+            let off_deg = board.error_deg().map_or(0.0, f64::abs);
+            assert!(off_deg < 5.0, "{hangs_s} s: {off_deg}");
+        }
+        board.tumble();
+        assert!(board.error_deg().unwrap().abs() < 3.0, "{hangs_s} s");
+    }
+}
+
+/// A turntable, and a gyro without noise: the field agrees with what it claims.
+#[test]
+fn a_gyro_that_repeats_its_reading_in_an_even_turn_is_believed() {
+    let mut board = Board::taught(1);
+    board.gyro = |_| Vector3::z() * 60f64.to_radians();
+    board.turn(200.0);
+    board.gyro = |rate| rate;
+    board.rest(0.5);
+    assert!(board.error_deg().unwrap().abs() < 3.0);
+    assert!(board.shown().0);
+}
+
+#[test]
+fn a_gyro_that_was_dead_on_a_level_board_leaves_no_wrong_bias_behind() {
+    let mut board = Board::taught(1);
+    board.gyro = |_| Vector3::zeros();
+    for _ in 0..3 {
+        board.turn_at(18.0, 20.0);
+        board.rest(20.0);
+    }
+    assert_eq!(board.state().1, "gyro_dead");
+    board.gyro = |rate| rate;
+    board.turn(720.0);
+    board.rest(30.0);
+    board.tumble();
+    assert!(board.error_deg().unwrap().abs() < 3.0);
+}

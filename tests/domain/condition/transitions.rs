@@ -167,6 +167,10 @@ const SCENARIOS: &[Scenario] = &[
         b.rest(2.0);
         assert!(b.error_deg().unwrap().abs() < 6.0, "{:?}", b.error_deg());
     }),
+    ("the nose points straight up", good, |b| {
+        b.pitch_to(88.0);
+        assert_eq!(b.shown(), (false, false));
+    }),
     ("the accelerometer falls silent", good, |b| {
         b.with_accel = false;
         b.rest(5.0);
