@@ -7,7 +7,7 @@
 //! Beside the active filter there may be a `rival`, which explains the samples in another way: with the result of a full turn, without
 //! it, or with iron that has just come or gone. `iron_watch` detects a hard iron that moves further than its covariance allows. `visit`
 //! carries on the filters from before something magnetic came near a still board; `checkpoint` has what was known before an axis may have
-//! been saturated.
+//! been saturated or the gyro hung, and `suspended` follows the samples during a fault of the gyro.
 //!
 //! `gyro_check` compares the gyro with field and gravity, `place` the field with the earth's. The other files answer: `heading` gives the
 //! heading and its deviation (`level`: where down is, and how certainly; `kept`: headings by a stored calibration alone), `strength` the
@@ -34,6 +34,7 @@ mod place;
 mod prior;
 mod rival;
 mod strength;
+mod suspended;
 mod visit;
 
 use checkpoint::Checkpoint;
@@ -47,13 +48,12 @@ use level::Level;
 use place::PlaceEvidence;
 use prior::{Measured, Prior};
 use rival::{IronTrial, Rival};
+use suspended::{Suspended, filter_taking_samples};
 use visit::VisitWatch;
 
 /// An axis whose bias is known less well than this share of the field is not measured: where the field is horizontal, that much turns
 /// headings by 9°, and by default they are published only up to 10°.
 const MEASURED: f64 = 0.15;
-/// A fault of the gyro that clears within this much motion, seconds, was a false alarm: accelerations of a hand, or a magnet.
-const FALSE_ALARM_S: f64 = 5.0;
 
 /// Mean normalised innovation squared for each degree of freedom from which samples contradict the estimate: twice the deviation that it
 /// expects.
@@ -86,14 +86,6 @@ pub struct EstimatedHeading {
     pub heading_deg: f64,
     /// One standard deviation, degrees.
     pub sd_deg: f64,
-}
-
-/// The filter that was active when the gyro failed. It goes on, for the check of the gyro.
-struct Suspended {
-    filter: Filter,
-    moved_s: f64,
-    /// The fault was that the gyro did not measure at all.
-    dead: bool,
 }
 
 /// The estimate.
@@ -271,50 +263,9 @@ impl Estimate {
         }
     }
 
-    /// Takes a sample during a fault of the gyro, or the first after it. The first sample of a fault suspends the active filter, and the
-    /// filter of when the gyro was last shown to be right takes its place. The suspended one follows the samples, and returns if
-    /// the fault clears within `FALSE_ALARM_S` of motion.
-    fn follow_gyro_fault(&mut self, input: &Input, lost: bool) {
-        match self.suspended.take() {
-            Some(mut suspended) if self.gyro.fault().is_some() => {
-                let filter = &mut suspended.filter;
-                let known = filter.iron_known_within(filter.strength_mgauss());
-                filter.follow(input, lost, self.parameters_fixed || known);
-                suspended.dead = self.gyro.fault() == Some(GyroFault::Dead);
-                // A dead gyro cannot show that the board is still.
-                if suspended.dead || !input.board.still {
-                    suspended.moved_s += input.period_s;
-                }
-                self.suspended = Some(suspended);
-                return;
-            }
-            Some(suspended) if suspended.moved_s < FALSE_ALARM_S => self.active = suspended.filter,
-            Some(suspended) => self.gyro_recovered = suspended.dead,
-            None => {
-                let unproven = || fresh(self.kept.as_ref(), &self.mounting);
-                let proven = self.proven.clone().unwrap_or_else(unproven);
-                self.suspended = Some(Box::new(Suspended {
-                    filter: std::mem::replace(&mut self.active, proven),
-                    moved_s: 0.0,
-                    dead: false,
-                }));
-            }
-        }
-        // Another filter's iron differs without having moved.
-        self.iron = IronWatch::default();
-        self.lose_frame();
-    }
-
     /// Whether the active filter has begun: until then at most the kept calibration is known.
     pub fn has_begun(&self) -> bool {
         self.active.begun
-    }
-
-    /// Whether anything is known, by motion or by a calibration. A suspended filter counts while it may come back.
-    pub fn knows(&self) -> bool {
-        let may_come_back = (self.suspended.as_ref())
-            .is_some_and(|one| one.filter.begun && one.moved_s < FALSE_ALARM_S);
-        may_come_back || self.active.begun || self.kept.is_some()
     }
 
     /// Makes the filters' input from a sample and the one before it. The first sample is its own predecessor.
@@ -437,11 +388,6 @@ impl Estimate {
     pub fn gyro_fault(&self) -> Option<GyroFault> {
         self.gyro.fault()
     }
-}
-
-/// The filter that follows the samples.
-fn filter_taking_samples<'a>(active: &'a Filter, suspended: Option<&'a Suspended>) -> &'a Filter {
-    suspended.map_or(active, |one| &one.filter)
 }
 
 /// A filter that knows what a calibration says of a magnetometer mounted like this, or nothing.

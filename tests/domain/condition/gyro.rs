@@ -216,19 +216,17 @@ fn without_a_gyro_a_wrong_tilt_shows_in_the_dip() {
 fn a_gyro_that_hangs_for_a_moment_leaves_no_wrong_north() {
     let turning: fn(Vector3<f64>) -> Vector3<f64> = |_| Vector3::z() * 60f64.to_radians();
     let resting: fn(Vector3<f64>) -> Vector3<f64> = |_| Vector3::zeros();
-    // It hangs at this rate for so many seconds, in which the board turns by these degrees.
-    for (rate, hangs_s, turned_deg) in [
-        (turning, 0.4, 0.0),
-        (turning, 1.0, 0.0),
-        (turning, 5.0, 0.0),
-        (turning, 20.0, 30.0),
-        (resting, 1.0, 60.0),
-        (resting, 2.0, -90.0),
+    // After a turn of the first angle, it hangs at this rate for so many seconds, in which the board turns by the second one, degrees.
+    for (before_deg, rate, hangs_s, turned_deg) in [
+        (60.0, turning, 0.4, 0.0),
+        (60.0, turning, 1.0, 0.0),
+        (60.0, turning, 5.0, 0.0),
+        (60.0, turning, 20.0, 30.0),
+        (0.0, resting, 1.0, 60.0),
+        (0.0, resting, 2.0, -90.0),
     ] {
         let mut board = Board::taught(1);
-        if rate != resting {
-            board.turn(60.0);
-        }
+        board.turn(before_deg);
         board.gyro = rate;
         board.turn(turned_deg);
         board.rest(hangs_s - turned_deg.abs() / 60.0);
