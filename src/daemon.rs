@@ -41,7 +41,7 @@ use crate::pipeline::{Action, Event};
 use crate::publish::control::status::{OutcomeSummary, StatusCounts};
 use crate::publish::control::{Control, ControlCall};
 use crate::publish::outputs;
-use crate::publish::server::{BindError, Publisher, Server};
+use crate::publish::server::{BindError, BindFault, Publisher, Server};
 use crate::recording::RecordingError;
 use crate::service::{Service, sockets};
 use crate::store::StoreError;
@@ -156,15 +156,17 @@ impl Daemon {
     pub fn open(config: &Config, mut service: Service) -> Result<Self, DaemonError> {
         let source = SourceTask::open(config)?;
         let server = bind(config, &mut service, &source)?;
-        Self::serving_on(source, server, config, service)
+        let control = control(config, &mut service)?;
+        Self::serving_on(source, server, control, config, service)
     }
 
-    /// Serves on `server`; the rest as [`Self::open`].
+    /// Serves on these sockets; the rest as [`Self::open`].
     fn serving_on(
         source: SourceTask,
         server: Server,
+        control: Option<Control>,
         config: &Config,
-        mut service: Service,
+        service: Service,
     ) -> Result<Self, DaemonError> {
         raise_file_limit();
         let (served, wanted) = (server.socket(), &config.socket.socket);
@@ -175,7 +177,6 @@ impl Daemon {
                  unit and the configuration agree"
             );
         }
-        let control = control(config, &mut service);
         for name in service.sockets.names() {
             tracing::warn!(
                 "the service manager has handed over a socket {name:?}, which nobody here serves on"
@@ -342,16 +343,19 @@ fn bind(config: &Config, service: &mut Service, source: &SourceTask) -> Result<S
     Server::bind(handed, &config.socket, &config.nmea, source.device(), stale)
 }
 
-/// The control socket. Headings are served without it.
-fn control(config: &Config, service: &mut Service) -> Option<Control> {
+/// The control socket. Headings are served without it, but not if another daemon has it: commands for this daemon would change the other.
+fn control(config: &Config, service: &mut Service) -> Result<Option<Control>, BindError> {
     let handed = service.sockets.take(sockets::CONTROL);
-    Control::bind(handed, &config.control, &config.socket.socket)
-        .inspect_err(|error| {
+    match Control::bind(handed, &config.control, &config.socket.socket) {
+        Ok(control) => Ok(Some(control)),
+        Err(error) if matches!(error.why, BindFault::Busy(_)) => Err(error),
+        Err(error) => {
             tracing::error!(
                 "{error}; headings are served, but headingd status and headingd calibration will not work"
             );
-        })
-        .ok()
+            Ok(None)
+        }
+    }
 }
 
 #[cfg(test)]

@@ -75,7 +75,12 @@ impl Recording {
             }
             Ok(server) => server,
         };
-        let daemon = Daemon::serving_on(source, server, &config, sockets)?;
+        // A recording needs no control socket, and another daemon may have it.
+        let control = super::control(&config, &mut sockets).unwrap_or_else(|error| {
+            tracing::warn!("{error}");
+            None
+        });
+        let daemon = Daemon::serving_on(source, server, control, &config, sockets)?;
         Ok(Self {
             kind,
             origin: ReadingsFrom::Daemon(Box::new(daemon)),

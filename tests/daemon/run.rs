@@ -301,6 +301,32 @@ fn nobody_waits_for_a_time_that_jumps() {
     assert!(said.contains("2 rows skipped"), "{said}");
 }
 
+/// Commands for the second would change the first.
+#[test]
+fn two_daemons_in_one_folder_need_two_control_sockets() {
+    let rig = Rig::new(1.0, LONG);
+    let first = rig.start();
+    rig.connect("control.sock");
+    let text = fs::read_to_string(rig.path("headingd.toml")).unwrap();
+    let other = text
+        .replace("heading.sock", "other.sock")
+        .replace(&rig.text("store"), &rig.text("other"));
+    fs::write(rig.path("other.toml"), &other).unwrap();
+    let config = rig.text("other.toml");
+    let run = || crate::rig::start(&rig.path("other"), &["run", "--config", &config]);
+    fs::create_dir(rig.path("other")).unwrap();
+    let said = run().ends(69);
+    let process = format!("(process {})", first.id());
+    for part in [rig.text("control.sock"), process] {
+        assert!(said.contains(&part), "{said}");
+    }
+    let own = format!("{other}[control]\nsocket = {:?}\n", rig.text("c.sock"));
+    fs::write(rig.path("other.toml"), own).unwrap();
+    let mut second = run();
+    rig.connect("c.sock");
+    second.stop();
+}
+
 #[test]
 fn two_daemons_never_share_a_store_and_the_second_says_who_has_it() {
     let rig = Rig::new(1.0, LONG);
