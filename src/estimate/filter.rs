@@ -260,7 +260,7 @@ impl Filter {
         } else {
             self.rest = RestWatch::default();
         }
-        if !self.begun && !self.begin(input) {
+        if !self.begun && !self.begin(input, fixed) {
             return;
         }
         let forgotten = 1.0 - self.predict(input, fixed).unevenness;

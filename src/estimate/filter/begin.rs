@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix3x2, SMatrix, Vector3};
 
-use super::{Filter, Input, JITTER_S, State, USUAL_UNEVENNESS};
+use super::{DISTURBED, Filter, Input, JITTER_S, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, H, M, N, Q, T};
 use crate::frame::{add_variance, angle_between_rad, put};
 
@@ -97,6 +97,16 @@ impl Filter {
         add_variance(&mut self.p, B..B + 3, disturbance * disturbance);
     }
 
+    /// How far the field's strength is from this one, milligauss, if no place explains that; else 0.
+    fn differs_by_mgauss(&self, strength: f64) -> f64 {
+        let field = self.vector(H);
+        let along = field.normalize();
+        let variance = along.dot(&(self.field_covariance() * along));
+        let off = (field.norm() - strength).abs();
+        let usual2 = (DISTURBED * strength).powi(2) + LIKELY * variance;
+        if off * off > usual2 { off } else { 0.0 }
+    }
+
     /// Resets three states, the unevenness or the place's offset, to 0 with this variance, a share of the field's square.
     fn restart(&mut self, at: usize, variance: f64) {
         self.clear(at, 3);
@@ -104,10 +114,11 @@ impl Filter {
         add_variance(&mut self.p, at..at + 3, variance);
     }
 
-    /// Begins the state: at once from a calibration, else once the board has turned a little, with half of the field taken for iron.
+    /// Begins the state: at once from a calibration, else once the board has turned a little, with half of the field taken for iron. With
+    /// `fixed`, a calibration holds whatever the field's strength.
     /// Returns whether the sample is still to be taken: not before the state has begun, nor if a calibration gave the field from it, since
     /// no sample counts twice.
-    pub(super) fn begin(&mut self, input: &Input) -> bool {
+    pub(super) fn begin(&mut self, input: &Input, fixed: bool) -> bool {
         let first = *self.first_attitude.get_or_insert(input.to_frame);
         if self.calibrated {
             self.begun = true;
@@ -117,8 +128,15 @@ impl Filter {
             let mut found = self.clone();
             found.restart_frame(input);
             found.learn_all(&measured);
+            let strength = self.strength_rms_mgauss;
             self.restart_frame_about(input, &found.x);
             self.learn_all(&measured);
+            let off = self.differs_by_mgauss(strength);
+            if off > 0.0 && !fixed {
+                // Iron may have come or gone since the calibration was kept.
+                self.doubt_iron(off);
+                self.restart_frame(input);
+            }
             return false;
         }
         if angle_between_rad(&first, &input.to_frame) < BEGIN_RAD {
