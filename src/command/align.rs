@@ -87,8 +87,12 @@ fn as_text(found: &Alignment) -> String {
         }
         (_, AccelerometerReads::Force) => "",
         (_, AccelerometerReads::Gravity) => {
-            "# The accelerometer reads gravity, where others read force. A log looks the same from south of the magnetic equator\n\
-             # (--south), or with one axis of the magnetometer mirrored.\n"
+            "# The accelerometer reads gravity, where others read force; or the log is from south of the magnetic equator (--south), or one\n\
+             # axis of the magnetometer is mirrored: such logs look the same. Check these lines: of a board that lies level, face up,\n\
+             # the roll must be near 0, and the heading must grow as the board turns to the right.\n"
+        }
+        (_, AccelerometerReads::Unknown) if found.mag.is_none() => {
+            "# The log has no magnetometer: whether the accelerometer reads force or gravity is not known, and force is assumed.\n"
         }
         (_, AccelerometerReads::Unknown) => {
             "# The field is too level to tell whether the accelerometer reads force or gravity: force is assumed.\n"
