@@ -106,6 +106,23 @@ pub fn magnet_in_motion(rng: &mut Rng, score: &mut Score) {
     run(scene, rng, score);
 }
 
+/// The gyro of a moving board repeats its last reading for 0.2 to 20 s, and then measures again.
+pub fn hung_gyro(rng: &mut Rng, score: &mut Score) {
+    let moving = moving(90.0, rng.uniform(0.3, 1.2));
+    let (scene, change_s) = taught(rng, score, &[], &[moving], 10.0);
+    let resumes_s = change_s + rng.log_uniform(0.2, 20.0);
+    score.errors_from = From::Time(change_s);
+    let scene = scene.with(move |now, _, board, _| {
+        let hangs = (change_s..resumes_s).contains(&now.t_s);
+        board.gyro.fault = if hangs {
+            GyroFault::Hangs
+        } else {
+            GyroFault::None
+        };
+    });
+    run(scene, rng, score);
+}
+
 /// A moving board is silent for 0.6 to 3 s. Meanwhile its iron changes by 30 to 300 mG, and its gyro's bias by 0.3°/s, as in a repair.
 pub fn while_silent(rng: &mut Rng, score: &mut Score) {
     let moving = moving(70.0, rng.uniform(0.5, 1.2));

@@ -82,6 +82,8 @@ pub enum GyroFault {
     Zero,
     Bias,
     Constant(Vector3<f64>),
+    /// It repeats its last reading.
+    Hangs,
     /// It reads so many times what it should: -1 is a wrong sign.
     Scaled(f64),
 }
@@ -101,6 +103,7 @@ pub struct Gyro {
     pub by_force: Matrix3<f64>,
     pub range: f64,
     pub fault: GyroFault,
+    last: Vector3<f64>,
     /// Only every so many-th reading comes through.
     pub every: u32,
 }
@@ -119,13 +122,15 @@ impl Gyro {
         let seen = match self.fault {
             GyroFault::Zero => return Vector3::zeros(),
             GyroFault::Constant(rate) => return rate,
+            GyroFault::Hangs => return self.last,
             GyroFault::Bias => Vector3::zeros(),
             GyroFault::Scaled(scale) => self.matrix * rate * scale,
             GyroFault::None => self.matrix * rate,
         };
         let all = seen + self.bias + self.by_force * force + rng.vector(self.noise);
-        all.map(|w| (w / GYRO_COUNT).round() * GYRO_COUNT)
-            .map(|w| w.clamp(-self.range, self.range))
+        let counted = all.map(|w| (w / GYRO_COUNT).round() * GYRO_COUNT);
+        self.last = counted.map(|w| w.clamp(-self.range, self.range));
+        self.last
     }
 }
 
@@ -195,6 +200,7 @@ impl Board {
                 by_force: Matrix3::zeros(),
                 range: 2000.0 * RAD,
                 fault: GyroFault::None,
+                last: Vector3::zeros(),
                 every: 1,
             },
             force: Accelerometer {

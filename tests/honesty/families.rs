@@ -146,6 +146,7 @@ pub const ALL: &[Family] = &[
     family("change_while_silent", 200, NOT_ALWAYS_GOOD, changes::while_silent),
     family("change_moved_iron", 500, VISIT, changes::moved_iron),
     family("change_gyro_flipped", 500, CHANGE, changes::flipped_gyro),
+    family("change_gyro_hangs", 200, NOT_ALWAYS_GOOD, changes::hung_gyro),
     family("change_gyro_scaled", 200, CHANGE, changes::scaled_gyro),
     family("change_gyro_clipped", 500, CHANGE, changes::clipped_gyro),
     family("change_gyro_1_hz", 500, CHANGE, changes::slow_gyro),
