@@ -120,6 +120,15 @@ impl Estimate {
         hung
     }
 
+    /// The gyro is at fault: takes back what it has taught while it repeated its reading. Returns whether it does.
+    pub(super) fn forget_hung_gyro(&mut self) -> bool {
+        let Some(kept) = self.checkpoints[GYRO].take() else {
+            return false;
+        };
+        self.active = kept.active;
+        true
+    }
+
     /// Drops all checkpoints: the frame that they refer to is gone, or a turn has been adopted since they were set.
     pub(super) fn forget_checkpoints(&mut self) {
         self.checkpoints = Default::default();

@@ -13,6 +13,8 @@ pub(super) struct Suspended {
     moved_s: f64,
     /// The fault was that the gyro did not measure at all.
     dead: bool,
+    /// The gyro repeated its reading when the fault began.
+    hung: bool,
 }
 
 impl Estimate {
@@ -33,15 +35,20 @@ impl Estimate {
                 self.suspended = Some(suspended);
                 return;
             }
-            Some(suspended) if suspended.moved_s < FALSE_ALARM_S => self.active = suspended.filter,
+            Some(suspended) if suspended.moved_s < FALSE_ALARM_S => {
+                self.active = suspended.filter;
+                self.gyro_recovered = suspended.hung;
+            }
             Some(suspended) => self.gyro_recovered = suspended.dead,
             None => {
+                let hung = self.forget_hung_gyro();
                 let unproven = || fresh(self.kept.as_ref(), &self.mounting);
                 let proven = self.proven.clone().unwrap_or_else(unproven);
                 self.suspended = Some(Box::new(Suspended {
                     filter: std::mem::replace(&mut self.active, proven),
                     moved_s: 0.0,
                     dead: false,
+                    hung,
                 }));
             }
         }
