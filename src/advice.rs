@@ -10,6 +10,7 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
         "field_strength" | "field_changed" =>
             "look for iron, magnets or currents nearby; if they are there to stay, move the board: in mode on it learns them; if this happens \
              everywhere, compare the chips' axes with headingd align LOG",
+        "nose_vertical" => "hold the board more level",
         "accel_unit" => "set accel_unit in the log's header, or the range of the chip",
         "field_unit" => "set mag_unit in the log's header, or the gain or range of the chip",
         "no_samples" => "check the magnetometer: it is silent",

@@ -7,6 +7,7 @@ mod rest;
 
 use nalgebra::Vector3;
 
+use crate::frame::Mountings;
 use crate::reading::{Field, HELD_S, Reading};
 use rest::RestRate;
 
@@ -43,6 +44,13 @@ const GYRO: Frozen = (
      and on, and check what reads the gyro",
 );
 
+/// The accelerometer repeats its value while the gyro shows that the board tilts.
+pub const ACCELEROMETER: Frozen = (
+    "frozen_accelerometer",
+    "the accelerometer repeats its value while the gyro shows that the board tilts; switch the \
+     board off and on, and check what reads the accelerometer",
+);
+
 /// Readings in, what is frozen out.
 #[derive(Clone, Debug, Default)]
 pub struct FrozenWatch {
@@ -50,6 +58,7 @@ pub struct FrozenWatch {
     rate: Option<(f64, f64)>,
     field: Run<Field>,
     gyro: Run<Vector3<f64>>,
+    force: Run<Vector3<f64>>,
     rest: RestRate,
     /// When the field last changed, seconds.
     changed_s: f64,
@@ -57,6 +66,7 @@ pub struct FrozenWatch {
     seen: Option<(Vector3<f64>, f64)>,
     magnetometer_frozen: bool,
     gyro_frozen: bool,
+    accelerometer_frozen: bool,
 }
 
 /// The same value again and again, in motion.
@@ -94,10 +104,20 @@ impl<T: PartialEq> Run<T> {
 }
 
 impl FrozenWatch {
-    /// Takes a reading; what is frozen, until its value changes.
-    pub fn take(&mut self, reading: &Reading) -> Option<Frozen> {
+    /// Takes a reading of chips that are mounted like this; what is frozen, until its value changes.
+    pub fn take(&mut self, reading: &Reading, mountings: &Mountings) -> Option<Frozen> {
+        if let Some(force) = reading.specific_force_m_s2
+            && !self.force.is(&force)
+        {
+            self.accelerometer_frozen = false;
+            self.force.begin(force);
+        } else if reading.specific_force_m_s2.is_some() {
+            self.force.readings += 1;
+            self.accelerometer_frozen |= self.force.lasts(TURNED_RAD);
+        }
         if let Some(rate) = reading.rate_rad_s {
-            self.take_rate(reading.t_s, rate);
+            let tilting = self.tilting_rad_s(&rate, mountings);
+            self.take_rate(reading.t_s, rate, tilting);
         }
         if let Some(field) = reading.field_mgauss {
             self.take_field(reading.t_s, field);
@@ -109,12 +129,24 @@ impl FrozenWatch {
         }
         if self.magnetometer_frozen {
             Some(MAGNETOMETER)
+        } else if self.gyro_frozen {
+            Some(GYRO)
         } else {
-            self.gyro_frozen.then_some(GYRO)
+            self.accelerometer_frozen.then_some(ACCELEROMETER)
         }
     }
 
-    fn take_rate(&mut self, t_s: f64, rate: Vector3<f64>) {
+    /// How fast the board turns across the specific force, rad/s; 0 where that may be bias.
+    fn tilting_rad_s(&self, rate: &Vector3<f64>, mountings: &Mountings) -> f64 {
+        let force = self.force.value.and_then(|force| force.try_normalize(1e-9));
+        let tilting = force.map_or(0.0, |force| {
+            let up = mountings.accel.to_body(force);
+            mountings.gyro.to_body(*rate).cross(&up).norm()
+        });
+        if tilting < MOVING_RAD_S { 0.0 } else { tilting }
+    }
+
+    fn take_rate(&mut self, t_s: f64, rate: Vector3<f64>, tilting: f64) {
         let speed = rate.norm();
         if let Some((last_s, last)) = self.rate
             && (0.0..=GAP_S).contains(&(t_s - last_s))
@@ -127,6 +159,7 @@ impl FrozenWatch {
             };
             self.field.turn(t_s - last_s, turn);
             self.gyro.turn(t_s - last_s, mean);
+            self.force.turn(t_s - last_s, tilting);
         }
         self.rate = Some((t_s, speed));
         if !self.gyro.is(&rate) {
@@ -181,12 +214,13 @@ mod tests {
         field: [f64; 3],
         rate_rad_s: Vector3<f64>,
     ) -> Option<Frozen> {
-        watch.take(&Reading {
+        let reading = Reading {
             t_s,
             field_mgauss: Some(field.map(Some)),
             rate_rad_s: Some(rate_rad_s),
             specific_force_m_s2: None,
-        })
+        };
+        watch.take(&reading, &Mountings::default())
     }
 
     /// Rows at 50 Hz of a board that turns about Z at this rate while `turns` says so, as it is read out.
@@ -324,14 +358,39 @@ mod tests {
     fn a_magnetometer_that_overflows_on_all_axes_is_not_frozen() {
         let mut watch = FrozenWatch::default();
         for i in 0..100 {
-            let found = watch.take(&Reading {
+            let reading = Reading {
                 t_s: f64::from(i) * 0.02,
                 field_mgauss: Some([None; 3]),
                 rate_rad_s: Some(Vector3::z() + Vector3::x() * 0.001 * f64::from(i)),
                 specific_force_m_s2: None,
-            });
-            assert_eq!(found, None);
+            };
+            assert_eq!(watch.take(&reading, &Mountings::default()), None);
         }
+    }
+
+    /// A level turn leaves the specific force as it is, and a tilt does not. The gyro's chip is mounted another way.
+    #[test]
+    fn an_accelerometer_that_stands_still_while_the_board_tilts_is_frozen() {
+        let mountings = Mountings {
+            gyro: "+z +y -x".parse().unwrap(),
+            ..Mountings::default()
+        };
+        let found = |axis_body: Vector3<f64>| {
+            let mut watch = FrozenWatch::default();
+            let last = (0..100).map(|i| {
+                let rate = axis_body * (1.0 + 0.001 * f64::from(i % 3));
+                let reading = Reading {
+                    t_s: f64::from(i) * 0.02,
+                    rate_rad_s: Some(mountings.gyro.to_chip(rate)),
+                    specific_force_m_s2: Some(Vector3::new(0.1, 0.0, -9.8)),
+                    ..Reading::default()
+                };
+                watch.take(&reading, &mountings)
+            });
+            last.last().unwrap()
+        };
+        assert_eq!(found(Vector3::x()), Some(ACCELEROMETER));
+        assert_eq!(found(Vector3::z()), None);
     }
 
     /// The same field at a rate that differs, and the same rate in a field that differs. The clock starts again before either has
@@ -365,16 +424,18 @@ mod tests {
         let mut found = Vec::new();
         for i in 0..40u32 {
             let t_s = f64::from(i) * 0.02 + if i < 20 { 1000.0 } else { 0.0 };
-            found.push(watch.take(&Reading {
+            let field = Reading {
                 t_s,
                 field_mgauss: Some([100.0, 0.0, 500.0].map(Some)),
                 ..Reading::default()
-            }));
-            watch.take(&Reading {
+            };
+            found.push(watch.take(&field, &Mountings::default()));
+            let rate = Reading {
                 t_s: t_s + 0.01,
                 rate_rad_s: Some(Vector3::new(0.0, 0.0, 1.0 + 0.001 * f64::from(i % 3))),
                 ..Reading::default()
-            });
+            };
+            watch.take(&rate, &Mountings::default());
         }
         assert_eq!((found[20], found[39]), (None, Some(MAGNETOMETER)));
     }

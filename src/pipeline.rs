@@ -27,7 +27,7 @@ use crate::check::{Fault, settings};
 use crate::condition::{Condition, Report, SourceFault};
 use crate::estimate::{Estimate, Sample, UNKNOWN_SD_DEG};
 use crate::frame::Mountings;
-use crate::frozen::{Frozen, FrozenWatch};
+use crate::frozen::{ACCELEROMETER, Frozen, FrozenWatch};
 use crate::heading::Heading;
 use crate::reading::Reading;
 use crate::true_north::EarthField;
@@ -348,7 +348,11 @@ impl Pipeline {
                 RunState::Saturated => self.estimate.go_back(axis),
             }
         }
-        self.frozen = self.frozen_watch.take(reading);
+        let misled = self.frozen == Some(ACCELEROMETER);
+        self.frozen = self.frozen_watch.take(reading, &self.setup.mountings);
+        if misled && self.frozen != Some(ACCELEROMETER) {
+            self.renew_attitude();
+        }
         self.readings_s = Some((first_s, reading.t_s));
         self.times.now_s = reading.t_s;
         if reading.rate_rad_s.is_some() {

@@ -161,12 +161,7 @@ impl Pipeline {
         self.estimate.fix_parameters(fixed);
         self.estimate.take(&sample);
         if self.estimate.take_gyro_recovered() {
-            // The attitude has followed the dead gyro, and learnt a wrong bias of it.
-            let calibration = self.calibration();
-            self.intake
-                .renew_attitude(&self.setup, calibration.as_ref());
-            self.completed.clear();
-            self.forget_waiting_turns();
+            self.renew_attitude();
             return None;
         }
         if self.learning.calibrated && !self.estimate.knows() {
@@ -175,6 +170,15 @@ impl Pipeline {
         }
         self.sample = Some(sample);
         Some(pose)
+    }
+
+    /// The attitude has followed a gyro or an accelerometer that did not measure: it has learnt a wrong bias or tilt.
+    pub(super) fn renew_attitude(&mut self) {
+        let calibration = self.calibration();
+        self.intake
+            .renew_attitude(&self.setup, calibration.as_ref());
+        self.completed.clear();
+        self.forget_waiting_turns();
     }
 
     /// Smooths the strength of the corrected field. Rows that repeat a sample count, so that the mean settles on a field that does not

@@ -39,7 +39,7 @@ const ROOMS: &[Room] = &[
     room("true_north", 0, &["date"]),
     room("frame", 0, &[]),
     room("outliers", 0, &["reading"]),
-    room("frozen", 0, &["reading"]),
+    room("frozen", 0, &["frame", "reading"]),
     room("alignment", 0, &["reading", "frame"]),
     // The words for the state; the pipeline decides which one applies.
     room("condition", 0, &[]),

@@ -268,3 +268,30 @@ fn a_gyro_that_was_dead_on_a_level_board_leaves_no_wrong_bias_behind() {
     board.tumble();
     assert!(board.error_deg().unwrap().abs() < 3.0);
 }
+
+/// Its last value levels the frame as if the board lay as it did.
+#[test]
+fn an_accelerometer_that_hangs_while_the_board_is_moved_is_a_fault_that_leaves_no_wrong_tilt() {
+    let mut board = Board::new(None);
+    let (mut held, mut named) = (None, false);
+    for mut reading in carried(120.0, swinging, |_, rate| rate) {
+        let t_s = reading.t_s;
+        if (60.0..75.0).contains(&t_s) {
+            reading.specific_force_m_s2 = *held.get_or_insert(reading.specific_force_m_s2);
+        }
+        board.tell(Event::Reading(reading));
+        named |= board.state() == ("fault", "frozen_accelerometer");
+        let heading = board.heading.as_ref().unwrap();
+        if let (true, Some(found), Some(sd_deg)) =
+            (t_s > 60.0, heading.magnetic_deg(), heading.sd_deg)
+        {
+            let error_deg = apart_deg(found, (0.6 * t_s).to_degrees()).abs();
+            assert!(
+                error_deg < 10.0 || error_deg < 4.0 * sd_deg,
+                "{t_s}: {error_deg} ± {sd_deg}"
+            );
+        }
+    }
+    assert!(named);
+    assert_eq!(board.state(), ("good", "good"));
+}
