@@ -98,13 +98,16 @@ impl Witness {
         change: Vector3<f64>,
         period_s: f64,
     ) -> VectorChange {
+        let first = self.moment.is_none();
         let moment = self.moment.get_or_insert(Moment {
             age_s: 0.0,
             start: now,
-            predicted: -change,
+            predicted: Vector3::zeros(),
         });
         moment.age_s += period_s;
-        moment.predicted += change;
+        if !first {
+            moment.predicted += change;
+        }
         let (seen, predicted) = (now - moment.start, moment.predicted);
         let larger = seen.norm().max(predicted.norm());
         let change = VectorChange {
