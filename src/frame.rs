@@ -231,6 +231,14 @@ pub fn add_variance<const N: usize>(
     }
 }
 
+/// vᵀ P v: the variance of the sum of states with this covariance, each times its weight.
+pub fn variance_along<const N: usize>(
+    covariance: &SMatrix<f64, N, N>,
+    weights: &SVector<f64, N>,
+) -> f64 {
+    weights.dot(&(covariance * weights))
+}
+
 /// Puts a block into a matrix, its first entry at this row and column.
 pub fn put<const N: usize, const M: usize, const R: usize, const C: usize>(
     matrix: &mut SMatrix<f64, N, M>,

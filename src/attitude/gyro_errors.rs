@@ -25,7 +25,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::GyroBias;
 use super::bias_walk::{BiasWalk, LEAST_WALK_RAD_S};
 use super::force_readings::GRAVITY_M_S2;
-use crate::frame::add_variance;
+use crate::frame::{add_variance, variance_along};
 use measure::HELD_BACK_WINDOWS;
 use window::Window;
 
@@ -197,7 +197,7 @@ impl GyroErrors {
     pub(super) fn bias_sd_rad_s(&self) -> f64 {
         let own = self.bias_covariance();
         let up = self.upright;
-        let across = own.trace() - (up.transpose() * own * up)[0];
+        let across = own.trace() - variance_along(&own, &up);
         (across / (3.0 - up.norm_squared())).max(0.0).sqrt()
     }
 

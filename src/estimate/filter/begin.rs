@@ -2,9 +2,10 @@
 
 use nalgebra::{Matrix3, Matrix3x2, SMatrix, Vector3};
 
+use super::known::matrix_of;
 use super::{Filter, Input, JITTER_S, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, H, M, N, Q, T};
-use crate::frame::{add_variance, angle_between_rad, put};
+use crate::frame::{add_variance, angle_between_rad, put, variance_along};
 
 /// A squared change of the field below this many variances is no change.
 const LIKELY: f64 = 4.0;
@@ -33,8 +34,7 @@ impl Filter {
             self.first_attitude = None;
             return;
         }
-        let matrix = Matrix3::from_row_slice(about.fixed_rows::<9>(D).as_slice());
-        let Some(inverse) = (Matrix3::identity() + matrix).try_inverse() else {
+        let Some(inverse) = matrix_of(about).try_inverse() else {
             return;
         };
         let rate = input.turn_rate().cross_matrix();
@@ -144,18 +144,14 @@ fn strange2(now: &KnownField, before: &KnownField, vertical_known: bool) -> f64 
             let along = direction(field)
                 .try_normalize(1e-9)
                 .unwrap_or_else(Vector3::z);
-            (
-                along.dot(field),
-                (along.transpose() * covariance * along)[0],
-            )
+            (along.dot(field), variance_along(covariance, &along))
         });
         ((now.0 - before.0).powi(2) - LIKELY * (now.1 + before.1)).max(0.0)
     };
     if !vertical_known {
         return beyond(|field| *field);
     }
-    let horizontal = beyond(|field| Vector3::new(field.x, field.y, 0.0));
-    0.5 * (horizontal + beyond(|_| Vector3::z()))
+    0.5 * (beyond(|field| Vector3::new(field.x, field.y, 0.0)) + beyond(|_| Vector3::z()))
 }
 
 #[cfg(test)]
@@ -224,7 +220,7 @@ mod tests {
             let mut filter = filter.clone();
             filter.follow(&sample(100, field), true, false);
             let across = Vector3::z().cross(&filter.field()).normalize();
-            let variance = (across.transpose() * filter.field_covariance() * across)[0];
+            let variance = variance_along(&filter.field_covariance(), &across);
             (variance.sqrt() / filter.field().xy().norm()).to_degrees()
         };
         let same_deg = azimuth_sd_deg(earth);

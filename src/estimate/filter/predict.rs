@@ -6,7 +6,7 @@ use super::{
     DISTURBED, FORGET_MOVING_S, Filter, Input, PLACE_LASTS_S, SWING_RAD, USUAL_UNEVENNESS,
 };
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Transition};
-use crate::frame::{add_variance, angle_between_rad, put};
+use crate::frame::{add_variance, angle_between_rad, put, variance_along};
 use crate::reading::STRONGEST_MGAUSS;
 
 /// To second order the gyro's bias is drawn anew after this time, seconds. The term is small: any similar time will do.
@@ -149,8 +149,8 @@ impl Filter {
         let uncertain = self.field_covariance();
         let mut noise = Matrix3::zeros();
         for axis in axes {
-            let lever = input.to_frame.row(axis);
-            let drift = (lever * bias * lever.transpose())[0] * BIAS_DRAWN_S * dt;
+            let lever = input.to_frame.row(axis).transpose();
+            let drift = variance_along(&bias, &lever) * BIAS_DRAWN_S * dt;
             let cross = Vector3::ith(axis, 1.0).cross_matrix();
             let turned = h * h.transpose() * walk + uncertain * (walk + drift);
             noise += cross * turned * cross.transpose();
@@ -172,12 +172,8 @@ impl Filter {
         let dt = input.period_s;
         let unusual = self.unusual_unevenness2();
         let rate = input.turn_rate().norm();
-        let moved_iron = if unusual > 0.0 {
-            let turned = 1.0 - (-2.0 * (rate - NO_TURN_RAD_S).max(0.0) * dt / FORGET_RAD).exp();
-            unusual * turned * strength2
-        } else {
-            0.0
-        };
+        let turned = 1.0 - (-2.0 * (rate - NO_TURN_RAD_S).max(0.0) * dt / FORGET_RAD).exp();
+        let moved_iron = unusual * turned * strength2;
         let by_tilt2 = BY_TILT * input.board.tilt_error.whole_sd_rad.powi(2);
         let left_out2 = (self.unevenness2 + by_tilt2).min(USUAL_UNEVENNESS.powi(2));
         let moving_s = if input.board.still { 0.0 } else { dt };
