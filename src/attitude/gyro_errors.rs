@@ -25,7 +25,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::GyroBias;
 use super::bias_walk::{BiasWalk, LEAST_WALK_RAD_S};
 use super::force_readings::GRAVITY_M_S2;
-use crate::frame::{add_variance, variance_along};
+use crate::frame::{add_variance, reset_variance, variance_along};
 use measure::HELD_BACK_WINDOWS;
 use window::Window;
 
@@ -164,14 +164,14 @@ impl GyroErrors {
     /// Begins with the bias of the last start, body axes, rad/s.
     pub(super) fn expect_bias(&mut self, bias_rad_s: Vector3<f64>) {
         self.bias = bias_rad_s;
-        self.reset_covariance(B, RESTART_BIAS_RAD_S);
+        reset_variance(&mut self.p, B..B + 3, RESTART_BIAS_RAD_S.powi(2));
     }
 
     /// Begins with this bias of the accelerometer, body axes, m/s².
     pub(super) fn expect_force_bias(&mut self, bias_m_s2: Vector3<f64>) {
         self.force_bias = bias_m_s2;
         self.expected_force_bias = FORCE_BIAS_M_S2.max(bias_m_s2.amax());
-        self.reset_covariance(A, FORCE_BIAS_M_S2);
+        reset_variance(&mut self.p, A..A + 3, FORCE_BIAS_M_S2.powi(2));
     }
 
     /// The gyro may have been started again, or its bias has jumped: adds this deviation to that of its bias on each axis, rad/s.
@@ -319,10 +319,10 @@ impl GyroErrors {
         self.up = Some(up);
         self.upright = window.mean_in_body(&up.normalize());
         self.velocity.fill(0.0);
-        self.reset_covariance(U, FIRST_M_S2);
-        self.reset_covariance(V, self.speed2.sqrt());
+        reset_variance(&mut self.p, U..U + 3, FIRST_M_S2.powi(2));
+        reset_variance(&mut self.p, V..V + 3, self.speed2);
         self.arm.fill(0.0);
-        self.reset_covariance(ARM, ARM_M);
+        reset_variance(&mut self.p, ARM..ARM + 3, ARM_M.powi(2));
     }
 
     /// How much of the accelerometer's bias counts, 0 to 1, see `STAYS`.
@@ -340,14 +340,5 @@ impl GyroErrors {
     fn across(&self) -> Matrix3<f64> {
         let up = self.upright / self.upright.norm().max(1e-9);
         Matrix3::identity() - up * up.transpose() * self.upright_share()
-    }
-
-    /// Sets the covariance of three states to sd², without correlations.
-    fn reset_covariance(&mut self, at: usize, sd: f64) {
-        for index in at..at + 3 {
-            self.p.row_mut(index).fill(0.0);
-            self.p.column_mut(index).fill(0.0);
-            self.p[(index, index)] = sd * sd;
-        }
     }
 }

@@ -26,16 +26,18 @@
 //! `filter/turn_result.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and on a still board,
 //! `filter/rest.rs` tells a board at rest from one that swings, and `filter/known.rs` answers what is known.
 
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 use nalgebra::{Matrix3, SVector, Vector3};
 
-use super::covariance::{B, Covariance, D, E, G, H, M, N, Q, S, T, subtract};
+#[cfg(test)]
+use super::covariance::G;
+use super::covariance::{B, Covariance, D, E, H, M, N, Q, S, T, subtract};
 use super::prior::{FIELD_MGAUSS, Measured, Prior, USUAL_UNEVENNESS};
 use crate::attitude::{BiasWalk, BoardState};
 #[cfg(test)]
 use crate::attitude::{GyroBias, TiltError};
-use crate::frame::{add_variance, put, rows};
+use crate::frame::{add_variance, put, reset_variance, rows};
 use rest::RestWatch;
 use unevenness::LEAST_NOISE_MGAUSS;
 use whiteness::Whiteness;
@@ -54,8 +56,6 @@ type State = SVector<f64, N>;
 
 /// Deviation of each part of the field before anything is known, as a share of `FIELD_MGAUSS`: 750 mG, more than the strongest on earth.
 const FIELD_SD: f64 = 1.5;
-/// Bias to expect of a gyro, rad/s (2°/s), until the attitude has stated what it knows of it.
-const GYRO_BIAS_RAD_S: f64 = 0.035;
 /// Scale error to expect on an axis of a gyro, of which the attitude has taken out what gravity shows.
 const GYRO_SCALE: f64 = 0.01;
 /// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering. On recorders
@@ -138,8 +138,6 @@ pub(super) struct Filter {
     p: Covariance,
     /// Whether the state has begun.
     pub(super) begun: bool,
-    /// Whether it starts from a calibration.
-    calibrated: bool,
     /// Time in motion without a disturbance since this frame began, summed, seconds.
     pub(super) undisturbed_s: f64,
     /// Orientation at the first sample, body to frame.
@@ -149,8 +147,8 @@ pub(super) struct Filter {
     /// Root mean square of what the field's strength may be, milligauss: √(|h|² + tr P_h), at most |h| or the strongest field on earth,
     /// whichever is larger.
     strength_rms_mgauss: f64,
-    /// What a turn has measured, until there is a field to go with it.
-    measured: Vec<Measured>,
+    /// What a calibration's turn has measured, until there is a field to go with it. `None` without a calibration, and once begun.
+    measured: Option<Vec<Measured>>,
     /// Variances: unevenness, its mean in motion, and place as shares of the field, noise in milligauss².
     unevenness2: f64,
     mean_unevenness2: f64,
@@ -190,7 +188,6 @@ impl Filter {
             (H, FIELD_SD * FIELD_MGAUSS),
             (M, unevenness * FIELD_MGAUSS),
             (Q, USUAL_UNEVENNESS * FIELD_MGAUSS),
-            (G, GYRO_BIAS_RAD_S),
             (S, GYRO_SCALE),
         ];
         for (at, sd) in diagonal {
@@ -205,12 +202,11 @@ impl Filter {
             x,
             p,
             begun: false,
-            calibrated,
             undisturbed_s: 0.0,
             first_attitude: None,
             vertical_known: false,
             strength_rms_mgauss: prior.strength_mgauss.unwrap_or(FIELD_MGAUSS),
-            measured: prior.measured.clone(),
+            measured: calibrated.then(|| prior.measured.clone()),
             unevenness2: unevenness.powi(2),
             mean_unevenness2: USUAL_UNEVENNESS.powi(2),
             place2: USUAL_UNEVENNESS.powi(2),
@@ -292,13 +288,10 @@ impl Filter {
         (at..at + count).map(|index| self.p[(index, index)]).sum()
     }
 
-    /// Forgets all about some states, and how they go with others.
-    fn clear(&mut self, at: usize, count: usize) {
-        for index in at..at + count {
-            self.x[index] = 0.0;
-            self.p.row_mut(index).fill(0.0);
-            self.p.column_mut(index).fill(0.0);
-        }
+    /// Resets these states to 0 with this variance, without correlations.
+    fn restart(&mut self, states: Range<usize>, variance: f64) {
+        self.x.rows_range_mut(states.clone()).fill(0.0);
+        reset_variance(&mut self.p, states, variance);
     }
 }
 
@@ -306,7 +299,13 @@ impl Filter {
 impl Filter {
     /// The same, sure that the magnetometer does not lag.
     pub(super) fn without_lag(mut self) -> Self {
-        self.clear(T, 1);
+        self.restart(T..T + 1, 0.0);
+        self
+    }
+
+    /// The same, with the gyro's bias known to 2°/s on each axis.
+    pub(super) fn unsure_of_gyro(mut self) -> Self {
+        self.restart(G..G + 3, 0.035f64.powi(2));
         self
     }
 }

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::window::Window;
 use super::{A, ARM, B, GyroErrors, M, N, U, V};
 use crate::attitude::follow;
-use crate::frame::rows;
+use crate::frame::{reset_variance, rows};
 
 /// Most that is taken out: the 6 % of an ITG-3200, and some drift with temperature. Larger errors are another fault.
 pub(super) const MOST_MATRIX: f64 = 0.07;
@@ -50,7 +50,7 @@ impl GyroErrors {
         let by_bias = window.rotation_s * (self.felt_share() / dt);
         self.correct_sum((U, A), &by_bias, &(left / dt), REST_FORCE_M_S2.powi(2) / dt);
         self.velocity.fill(0.0);
-        self.reset_covariance(V, LEAST_SPEED_M_S);
+        reset_variance(&mut self.p, V..V + 3, LEAST_SPEED_M_S.powi(2));
     }
 
     /// The chips' velocity is R (ω × r), within those that this board has.

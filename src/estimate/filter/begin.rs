@@ -43,12 +43,11 @@ impl Filter {
         let map = turn * inverse;
         let corrected = inverse * (input.field_mgauss - about.fixed_rows::<3>(B));
         let field = turn * corrected;
-        self.clear(H, 3);
-        self.clear(E, 2);
-        self.restart(M, self.unevenness2);
-        self.restart(Q, self.place2);
-        let tilt2 = input.board.tilt_error.whole_sd_rad.powi(2);
-        add_variance(&mut self.p, E..E + 2, tilt2);
+        let strength2 = self.strength_rms_mgauss.powi(2);
+        self.restart(H..H + 3, 0.0);
+        self.restart(E..E + 2, input.board.tilt_error.whole_sd_rad.powi(2));
+        self.restart(M..M + 3, self.unevenness2 * strength2);
+        self.restart(Q..Q + 3, self.place2 * strength2);
         // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m − q, where the lag is what `input.lag_s` leaves of it
         let mut jacobian = SMatrix::<f64, 3, N>::zeros();
         put(&mut jacobian, (0, B), &-map);
@@ -93,15 +92,9 @@ impl Filter {
     pub fn doubt_iron(&mut self, disturbance_mgauss: f64) {
         let disturbance = disturbance_mgauss + IRON_UNSEEN * self.strength_rms_mgauss;
         self.unevenness2 = USUAL_UNEVENNESS.powi(2);
-        self.restart(M, self.unevenness2);
+        let variance = self.unevenness2 * self.strength_rms_mgauss.powi(2);
+        self.restart(M..M + 3, variance);
         add_variance(&mut self.p, B..B + 3, disturbance * disturbance);
-    }
-
-    /// Resets three states, the unevenness or the place's offset, to 0 with this variance, a share of the field's square.
-    fn restart(&mut self, at: usize, variance: f64) {
-        self.clear(at, 3);
-        let variance = variance * self.strength_rms_mgauss.powi(2);
-        add_variance(&mut self.p, at..at + 3, variance);
     }
 
     /// Begins the state: at once from a calibration, else once the board has turned a little, with half of the field taken for iron.
@@ -109,9 +102,8 @@ impl Filter {
     /// no sample counts twice.
     pub(super) fn begin(&mut self, input: &Input) -> bool {
         let first = *self.first_attitude.get_or_insert(input.to_frame);
-        if self.calibrated {
+        if let Some(measured) = self.measured.take() {
             self.begun = true;
-            let measured = std::mem::take(&mut self.measured);
             // The field comes from the sample less the iron, and D multiplies it. So the iron is found first, and then all is linearised
             // about that.
             let mut found = self.clone();

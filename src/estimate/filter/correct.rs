@@ -284,7 +284,7 @@ mod tests {
     /// The variance of the gyro's bias after a sample, as a share of the variance before, where the field is known to this deviation, milligauss, and goes
     /// with the bias about the vertical by nine tenths.
     fn bias_variance_left(field_sd: f64) -> f64 {
-        let mut filter = Filter::new(&Prior::unknown());
+        let mut filter = Filter::new(&Prior::unknown()).unsure_of_gyro();
         filter.vertical_known = true;
         let earth = Vector3::new(60.0, 190.0, -420.0);
         filter.x.fixed_rows_mut::<3>(H).copy_from(&earth);

@@ -68,7 +68,7 @@ impl Filter {
     /// Follows the attitude's bias: what it takes out of the rates, whether it has begun anew, and what it doubts.
     pub fn follow_gyro_bias(&mut self, learnt: &BiasLearnt) {
         if !self.begun || learnt.forgotten {
-            self.clear(G, 3);
+            self.restart(G..G + 3, 0.0);
             self.gyro_bias_walk.begin_window();
             put(&mut self.p, (G, G), &learnt.covariance);
             return;
@@ -145,7 +145,7 @@ mod tests {
         let iron = Vector3::new(90.0, -40.0, 150.0);
         let gyro_bias = Vector3::new(0.0, 0.0, 0.03);
         let learnt = |fixed: bool| {
-            let mut filter = Filter::new(&Prior::unknown());
+            let mut filter = Filter::new(&Prior::unknown()).unsure_of_gyro();
             let rate = Vector3::z() * 0.5;
             let mut to_frame = Matrix3::identity();
             for step in 0..100 {
