@@ -250,16 +250,14 @@ impl Estimate {
         let active_and_rival = [Some(&mut self.active), rival].into_iter().flatten();
         let kept = self.visit.filters().chain(self.trial.filter());
         for filter in active_and_rival.chain(kept) {
-            if wait {
-                filter.walk_meanwhile(&learnt);
-            }
-            filter.learn_of_gyro_bias(&learnt, self.parameters_fixed);
+            filter.take_gyro_bias(&learnt, wait, self.parameters_fixed);
         }
+        let learnt = learnt.unmeasured();
         if let Some(suspended) = &mut self.suspended {
-            suspended.filter.follow_gyro_bias(&learnt);
+            suspended.filter.take_gyro_bias(&learnt, false, true);
         }
         if let Some(proven) = &mut self.proven {
-            proven.wait(&learnt);
+            proven.take_gyro_bias(&learnt, true, true);
         }
     }
 

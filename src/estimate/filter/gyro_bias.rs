@@ -62,11 +62,19 @@ impl BiasLearnt {
         }
         learnt
     }
+
+    /// The same change without what was measured.
+    pub fn unmeasured(&self) -> Self {
+        Self {
+            information: Matrix3::zeros(),
+            ..*self
+        }
+    }
 }
 
 impl Filter {
     /// Follows the attitude's bias: what it takes out of the rates, whether it has begun anew, and what it doubts.
-    pub fn follow_gyro_bias(&mut self, learnt: &BiasLearnt) {
+    fn follow_gyro_bias(&mut self, learnt: &BiasLearnt) {
         if !self.begun || learnt.forgotten {
             self.restart(G..G + 3, 0.0);
             self.gyro_bias_walk.begin_window();
@@ -82,20 +90,13 @@ impl Filter {
         }
     }
 
-    /// The bias of a filter that does not follow the samples walks as far as the attitude's.
-    pub fn walk_meanwhile(&mut self, learnt: &BiasLearnt) {
-        self.gyro_bias_walk.doubt(learnt.walked2);
-        add_variance(&mut self.p, G..G + 3, learnt.walked2);
-    }
-
-    /// Follows the attitude's bias while no samples are followed.
-    pub fn wait(&mut self, learnt: &BiasLearnt) {
-        self.walk_meanwhile(learnt);
-        self.follow_gyro_bias(learnt);
-    }
-
-    /// Follows the attitude's bias, and learns what the attitude has measured of it. With `fixed`, hard iron and matrix stay as they are.
-    pub fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, fixed: bool) {
+    /// Follows the attitude's bias, and learns what the attitude has measured of it. With `walks`, which is for a filter that does not predict
+    /// meanwhile, the bias walks as far as the attitude's. With `fixed`, hard iron and matrix stay as they are.
+    pub fn take_gyro_bias(&mut self, learnt: &BiasLearnt, walks: bool, fixed: bool) {
+        if walks {
+            self.gyro_bias_walk.doubt(learnt.walked2);
+            add_variance(&mut self.p, G..G + 3, learnt.walked2);
+        }
         self.follow_gyro_bias(learnt);
         if !self.begun || learnt.information == Matrix3::zeros() {
             return;
@@ -176,7 +177,7 @@ mod tests {
     /// A filter that has begun, and knows what the attitude does of the gyro.
     fn begun_with(bias: &GyroBias) -> Filter {
         let mut filter = Filter::new(&Prior::unknown());
-        filter.learn_of_gyro_bias(&BiasLearnt::between(bias, bias, false), false);
+        filter.take_gyro_bias(&BiasLearnt::between(bias, bias, false), false, false);
         filter.begun = true;
         filter
     }
@@ -193,7 +194,7 @@ mod tests {
             ..before
         };
         let mut filter = begun_with(&before);
-        filter.learn_of_gyro_bias(&BiasLearnt::between(&before, &after, true), false);
+        filter.take_gyro_bias(&BiasLearnt::between(&before, &after, true), false, false);
         // The attitude's bias is the mean of what it had and of what it measured, each weighted by its information.
         let (had, gained) = (1.0 / 0.05f64.powi(2), 1.0 / 0.01f64.powi(2));
         let information = had + TAKEN * (gained - had);
@@ -209,7 +210,7 @@ mod tests {
             walked2,
             ..after
         };
-        filter.learn_of_gyro_bias(&BiasLearnt::between(&after, &walked, true), false);
+        filter.take_gyro_bias(&BiasLearnt::between(&after, &walked, true), false, false);
         let (still_left, same) = filter.gyro_bias();
         assert!((still_left - left).norm() < 1e-12 && (same - variance).norm() < 1e-12);
 
@@ -221,7 +222,7 @@ mod tests {
         };
         let doubts = BiasLearnt::between(&walked, &doubted, true);
         assert!(!doubts.forgotten);
-        filter.learn_of_gyro_bias(&doubts, false);
+        filter.take_gyro_bias(&doubts, false, false);
         let (still_left, more) = filter.gyro_bias();
         assert!((still_left - left).norm() < 1e-12);
         let expected = same.add_scalar(doubted2);
@@ -241,7 +242,7 @@ mod tests {
             ..GyroBias::default()
         };
         let mut filter = begun_with(&certain);
-        filter.learn_of_gyro_bias(&BiasLearnt::between(&certain, &anew, true), false);
+        filter.take_gyro_bias(&BiasLearnt::between(&certain, &anew, true), false, false);
         assert_eq!(
             filter.gyro_bias(),
             (Vector3::zeros(), anew.covariance.diagonal())
@@ -262,7 +263,7 @@ mod tests {
             covariance: bias.covariance * 0.01,
             ..bias
         };
-        filter.learn_of_gyro_bias(&BiasLearnt::between(&bias, &known, false), false);
+        filter.take_gyro_bias(&BiasLearnt::between(&bias, &known, false), false, false);
         assert_eq!(filter.gyro_bias().1, bias.covariance.diagonal());
     }
 }
