@@ -14,9 +14,9 @@ use crate::reading::{STRONGEST_MGAUSS, WEAKEST_MGAUSS};
 const CALM_S: f64 = 3.0;
 /// A rotation this far along is called a turn.
 const TURNING_FROM: f64 = 0.1;
-/// Progress is news when it has changed by this share of a turn …
+/// Progress is news when it has changed by this share.
 const PROGRESS_STEP: f64 = 0.05;
-/// … and this much later than the last news of it, seconds.
+/// Least time between two reports of progress, seconds.
 const PROGRESS_EVERY_S: f64 = 0.25;
 /// Largest share by which the strength may differ from the expected one. Beyond it the reason is `field_strength`, else
 /// `field_changed`.
