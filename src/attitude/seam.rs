@@ -11,6 +11,7 @@ use super::follow;
 
 /// Field and force have jumped if both steps exceed the usual ones, root mean squares: each by more than `LEAST_FACTOR`, and by more than
 /// `JUMP_FACTOR` in the geometric mean. The largest steps of a swinging hand are 1.4 times their root mean square, those of noise 4 times.
+/// `rate_changes` has a larger factor, since it sees one sensor: here both must jump at once.
 const JUMP_FACTOR: f64 = 6.0;
 const LEAST_FACTOR: f64 = 3.0;
 /// The usual step is averaged over this time, seconds.

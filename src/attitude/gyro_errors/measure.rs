@@ -20,8 +20,9 @@ const SHRINKS_S: f64 = 60.0;
 /// A velocity lasts for this share of the time in which the acceleration makes it, within limits, seconds.
 const LASTS: f64 = 0.5;
 const LASTS_S: std::ops::RangeInclusive<f64> = 0.1..=30.0;
-/// A gyro at rest reads its bias, and an accelerometer gravity, within this over one second, rad/s and m/s²: the ITG-3200's
-/// noise of up to 0.38 °/s, its 0.1 °/s a g, and hands that are not quite at rest.
+/// A gyro at rest reads its bias, and an accelerometer gravity, within this over one second, rad/s (0.4 °/s) and m/s²: an ITG-3200's total
+/// noise of 0.38 °/s, though the mean over a second has less, its 0.1 °/s a g, and hands that are not quite at rest. The estimate has a
+/// smaller rate, see `estimate/filter/gyro_bias.rs`: with a larger one north drifts in hours of rest.
 const REST_RATE_RAD_S: f64 = 0.007;
 const REST_FORCE_M_S2: f64 = 0.1;
 /// Rest is still reported for a moment after a gentle start: the newest windows are held back.

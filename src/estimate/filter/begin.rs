@@ -7,11 +7,11 @@ use super::{Filter, Input, JITTER_S, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, H, M, N, Q, T};
 use crate::frame::{add_variance, angle_between_rad, put, variance_along};
 
-/// A squared change of the field below this many variances is no change.
+/// A squared change of the field counts only beyond this many variances (two deviations).
 const LIKELY: f64 = 4.0;
 /// Before the board has turned this far, the field does not tell iron from north, radians.
 const BEGIN_RAD: f64 = 0.1;
-/// Share of the field by which iron may have changed beyond the disturbance that showed it: the filter may take part of a change for
+/// Added to the measured disturbance when iron is in doubt, as a share of the field: the filter may have taken part of the change for
 /// unevenness.
 const IRON_UNSEEN: f64 = 0.1;
 
@@ -63,7 +63,7 @@ impl Filter {
         let mut cross = jacobian * self.p;
         let timed = by_time * by_time.transpose() * JITTER_S.powi(2);
         let mut own = cross * jacobian.transpose() + map * map.transpose() * self.noise2 + timed;
-        // Whatever has changed strength or dip may have turned the azimuth as well.
+        // A change of strength or dip means that the azimuth may have changed too.
         let strange2 = strange2(&(field, own), &before, vertical_known);
         for axis in 0..3 {
             self.p[(M + axis, M + axis)] += strange2;
@@ -97,9 +97,9 @@ impl Filter {
         add_variance(&mut self.p, B..B + 3, disturbance * disturbance);
     }
 
-    /// Begins the state: at once from a calibration, else once the board has turned a little, with half of the field taken for iron.
-    /// Returns whether the sample is still to be taken: not before the state has begun, nor if a calibration gave the field from it, since
-    /// no sample counts twice.
+    /// Begins the state. With a calibration it begins at once; otherwise once the board has turned by `BEGIN_RAD`, with half of the field
+    /// taken for iron. Returns whether the caller must still apply this sample: no if the state has not begun, and no with a calibration,
+    /// where the field comes from this sample and no sample counts twice.
     pub(super) fn begin(&mut self, input: &Input) -> bool {
         let first = *self.first_attitude.get_or_insert(input.to_frame);
         if let Some(measured) = self.measured.take() {

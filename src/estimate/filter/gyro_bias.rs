@@ -8,15 +8,14 @@ use crate::attitude::GyroBias;
 use crate::estimate::covariance::{G, N, subtract};
 use crate::frame::{add_variance, put};
 
-/// A gyro at rest reads its bias within this over one second, rad/s (0.26°/s): several times the noise of an ITG-3200, since a boat that
-/// swings slowly may pass for resting. With less, a simulated boat at anchor takes its swing for bias; with more, north drifts
-/// further in hours of rest.
+/// A gyro at rest reads its bias within this over one second, rad/s (0.26°/s): several times the noise density of an ITG-3200, 0.03
+/// °/s/√Hz, since a boat that swings slowly may pass for resting. With less, a simulated boat at anchor takes its swing for bias; with
+/// more, north drifts further in hours of rest.
 const REST_RATE_RAD_S: f64 = 0.0045;
 
-/// The share of what the attitude learns of the bias that counts here. In simulation, the variance that the attitude states is right for
-/// a board that tumbles or is moved by hand, and 3 to 17 times too small for boats and cars, which sway as they turn. With a
-/// quarter, recorded headings near a magnet are off by 0.1° more; with all, by 0.2° less, but one resting board in twenty
-/// drifts by 0.3° more in 8 hours, beyond 3°.
+/// Weight of the attitude's information on the bias. In simulation, the variance that the attitude states is right for a board that tumbles
+/// or is moved by hand, and 3 to 17 times too small for boats and cars, which sway as they turn. With a quarter, recorded headings near a
+/// magnet are off by 0.1° more; with all, by 0.2° less, but one resting board in twenty drifts by 0.3° more in 8 hours, beyond 3°.
 const TAKEN: f64 = 0.4;
 
 /// What the attitude has learnt of the gyro's bias from one sample to another, body axes.
