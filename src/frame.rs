@@ -27,7 +27,7 @@ impl Default for Mounting {
 }
 
 impl Mounting {
-    /// The mounting with this matrix (`body = matrix · chip`), if it is orthogonal within 0.01.
+    /// The mounting with this matrix (`body = matrix · chip`), if it is orthogonal within 0.01: people write two decimals.
     pub fn from_matrix(matrix: Matrix3<f64>) -> Option<Self> {
         let error = (matrix * matrix.transpose() - Matrix3::identity()).norm();
         (error < 0.01).then_some(Self { matrix })

@@ -60,9 +60,9 @@ pub(super) const RESTART_BIAS_RAD_S: f64 = 0.0175;
 const FORCE_BIAS_M_S2: f64 = 0.1;
 /// Arm to expect, m: a wrist's.
 const ARM_M: f64 = 0.1;
-/// On a board that stays upright, the accelerometer's bias tilts the frame by a constant, which the estimate learns as a rotation between the
-/// chips. This share of the bias then does not count. A larger one makes a boat at anchor falsely sure more often; with a smaller one,
-/// motions that repeat teach wrong errors of the gyro.
+/// Share of the accelerometer's bias that is ignored on an upright board, where it only tilts the frame by a constant (the estimate learns
+/// that as a rotation between the chips). A larger one makes a boat at anchor falsely sure more often; with a smaller one, motions that
+/// repeat teach wrong errors of the gyro.
 const STAYS: f64 = 0.7;
 /// u at first: the specific force of a board that may be shaken, m/s².
 const FIRST_M_S2: f64 = 2.0;
@@ -74,8 +74,8 @@ const ACCELERATION_M_S2: f64 = 1.0;
 const MOST_SPEED_M_S: f64 = 60.0;
 /// Walk of an accelerometer's bias, m/s² per √s: 5 thousandths of g in an hour, ten kelvin of an ADXL345 or MPU-6050.
 const FORCE_BIAS_WALK_M_S2: f64 = 0.000_8;
-/// A gyro's bias after a gap differs by this on an axis, rad/s (0.3°/s), its least walk of an hour: times do not tell how long a chip or its recorder
-/// was off.
+/// A gyro's bias after a gap differs by this on an axis, rad/s (0.3°/s), its least walk of an hour: the length of the gap does not tell
+/// whether the chip was off.
 pub(super) const GAP_BIAS_RAD_S: f64 = 60.0 * LEAST_WALK_RAD_S;
 /// A board that keeps within 18° of its mean up surely stays upright, one that has left 37° does not; cosines. Rotation about the vertical
 /// of an upright board shows in gravity only as far as it sways, and accelerations sway with it.

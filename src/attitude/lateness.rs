@@ -11,7 +11,7 @@
 const MEAN_S: f64 = 30.0;
 /// Later than this is a gap, seconds.
 const GAP_S: f64 = 0.1;
-/// Readings that had piled up come closer together than this share of a period: a line is at most four fifths full.
+/// Readings that had piled up come closer together than this share of a period: a serial line is at most four fifths full.
 const PILED: f64 = 0.8;
 /// A step of more than this many periods is a pause, or readings were lost in it.
 const LONG: f64 = 1.5;

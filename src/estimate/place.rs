@@ -19,7 +19,7 @@ const GAIN: f64 = SCALE;
 /// Deviation of a place's field by a building or a vehicle, on each axis, as a share: as much as it differs from metre to metre on the
 /// simulated floors.
 const LOCAL: f64 = 0.05;
-/// A normalised square beyond this is no chance (2 degrees of freedom: 0.03 %).
+/// Gate on the normalised square: chance exceeds it in 0.03 % of cases (2 degrees of freedom).
 const CONTRADICTED: f64 = 16.0;
 /// A warning needs a normalised square above this, and so does a field that is called reversed: a vehicle that stays level learns the dip
 /// badly and understates its error.
@@ -75,7 +75,7 @@ impl PlaceEvidence {
         }
     }
 
-    /// The same evidence after an update: where the field is nearly the same, contradiction and warning carry over.
+    /// Replaces `before`. If the field is nearly the same, its record of contradiction and warning is kept.
     pub(super) fn after(self, before: Option<Self>) -> Self {
         let near = SAME * self.expected.norm();
         match before {

@@ -127,7 +127,7 @@ impl Filter {
         self.jumps_mgauss + self.odd_mgauss
     }
 
-    /// The least known direction of the hard iron, body axes: turning about an axis across it would teach most.
+    /// The least known direction of the hard iron, body axes. A rotation about any perpendicular axis would show most.
     pub fn least_known(&self) -> Vector3<f64> {
         let eigen = SymmetricEigen::new(self.bias_covariance());
         eigen.eigenvectors.column(eigen.eigenvalues.imax()).into()
