@@ -23,7 +23,7 @@ const FEWEST_PAIRS: usize = 8;
 const UNRELATED: f64 = 0.4;
 /// The best axes leave at most this share of what the second best leave, or the motion does not tell the two apart.
 const CLEAR: f64 = 0.6;
-/// A dip within this (a sine) does not tell up from down.
+/// A dip within this (a sine: 12°) does not tell up from down.
 const LEVEL_FIELD: f64 = 0.2;
 /// At the beginning the board lies upright for this long, seconds.
 const UPRIGHT_S: f64 = 1.0;

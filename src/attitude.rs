@@ -219,18 +219,14 @@ impl Attitude {
 
     fn take_field(&mut self, t_s: f64, field: Vector3<f64>) {
         self.filter.field_motion.take(t_s, field);
-        if self.seam.take_field(t_s, field) {
-            self.seam.compare_with(self.filter.up());
-        }
+        self.seam.take_field(t_s, field, self.filter.up());
     }
 
     fn take_force(&mut self, t_s: f64, chip: Vector3<f64>) {
         let t_s = t_s - self.force_late.take(t_s);
         let force = self.mountings.accel.to_body(chip);
         self.filter.force_readings.take(t_s, force);
-        if self.seam.take_force(t_s, force) {
-            self.seam.compare_with(self.filter.up());
-        }
+        self.seam.take_force(t_s, force, self.filter.up());
     }
 
     fn take_rate(&mut self, t_s: f64, chip: Vector3<f64>, mut on_tick: impl FnMut(&BoardMotion)) {

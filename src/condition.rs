@@ -43,8 +43,8 @@
 //! | good | an axis overflows | stale | `overflow` |
 //! | good | an axis reads the same number while the board turns | stale | `overflow` |
 //! | stale | readings resume | good | `good` |
-//! | good | the source is in trouble | fault | the trouble's |
-//! | fault | the trouble is over | good | `good` |
+//! | good | the source fails | fault | the fault's code |
+//! | fault | the fault ends | good | `good` |
 
 use std::borrow::Cow;
 

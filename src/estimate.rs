@@ -51,12 +51,12 @@ use rival::{IronTrial, Rival};
 use suspended::{Suspended, filter_taking_samples};
 use visit::VisitWatch;
 
-/// An axis whose bias is known less well than this share of the field is not measured: where the field is horizontal, that much turns
-/// headings by 9°, and by default they are published only up to 10°.
+/// An axis counts as measured while the deviation of its bias is below this share of the field. In a horizontal field, that error turns
+/// headings by 9°; the default limit for publishing is 10°.
 const MEASURED: f64 = 0.15;
 
-/// Mean normalised innovation squared for each degree of freedom from which samples contradict the estimate: twice the deviation that it
-/// expects.
+/// Samples contradict the estimate if their mean normalised innovation squared per degree of freedom reaches this: innovations are then
+/// twice as large as expected.
 const CONTRADICTED: f64 = 4.0;
 
 /// Limits of the time between two samples, seconds. The lower one keeps quotients finite. After a longer pause, in which the gyro alone
@@ -67,7 +67,7 @@ const MOST_PERIOD_S: f64 = 10.0;
 /// One magnetometer sample, with what gyro and accelerometer say of it.
 #[derive(Clone, Copy, Debug)]
 pub struct Sample {
-    /// Seconds.
+    /// When the chip measured it, seconds, not corrected for `lag_s`.
     pub t_s: f64,
     /// Raw field, magnetometer chip axes, milligauss.
     pub field_mgauss: Vector3<f64>,
@@ -91,8 +91,8 @@ pub struct EstimatedHeading {
 /// The estimate.
 pub struct Estimate {
     mounting: Mounting,
-    /// The calibration until the active filter has begun: the initial one, or the last turn's result that became active. A fault of the
-    /// gyro falls back to it if no filter is `proven`.
+    /// Calibration in use until the active filter begins: the one given at the start, or the last turn's that was adopted. A gyro fault
+    /// falls back to it if `proven` is `None`.
     kept: Option<Calibration>,
     active: Filter,
     rival: Option<Rival>,
@@ -205,7 +205,7 @@ impl Estimate {
         let followed = filter_taking_samples(&self.active, self.suspended.as_deref());
         let right = self.gyro.take(&input, followed, iron_open);
         let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
-        // On a still board the filters read the bias themselves.
+        // While the board is still, what the attitude measures does not count: at rest the filters measure the bias themselves.
         let measured = unbroken && !at_fault && !sample.board.still;
         self.learn_of_gyro_bias(sample, measured, lost || at_fault);
         if at_fault {
@@ -239,9 +239,9 @@ impl Estimate {
         self.iron.take(&self.active, period_s);
     }
 
-    /// Tells all filters how the attitude's gyro bias has changed. If that was `measured`, the active filter, its rival and those kept for
-    /// a visit or an iron trial learn from it. If they `wait`, because the frame is lost or the gyro at fault, their bias walks as the
-    /// attitude's.
+    /// Passes the change of the attitude's gyro bias to all filters. With `measured`, the active filter, its rival and those kept for a
+    /// visit or an iron trial also learn from it. With `wait` (frame lost or gyro at fault) no prediction adds their bias walk, so the
+    /// attitude's is added here.
     fn learn_of_gyro_bias(&mut self, sample: &Sample, measured: bool, wait: bool) {
         let after = sample.board.gyro_bias;
         let before = self.gyro_bias.replace(after).unwrap_or(after);
@@ -250,16 +250,14 @@ impl Estimate {
         let active_and_rival = [Some(&mut self.active), rival].into_iter().flatten();
         let kept = self.visit.filters().chain(self.trial.filter());
         for filter in active_and_rival.chain(kept) {
-            if wait {
-                filter.walk_meanwhile(&learnt);
-            }
-            filter.learn_of_gyro_bias(&learnt, self.parameters_fixed);
+            filter.take_gyro_bias(&learnt, wait, self.parameters_fixed);
         }
+        let learnt = learnt.unmeasured();
         if let Some(suspended) = &mut self.suspended {
-            suspended.filter.follow_gyro_bias(&learnt);
+            suspended.filter.take_gyro_bias(&learnt, false, true);
         }
         if let Some(proven) = &mut self.proven {
-            proven.wait(&learnt);
+            proven.take_gyro_bias(&learnt, true, true);
         }
     }
 
@@ -329,7 +327,7 @@ impl Estimate {
             .filter(|one| one.matrix == Matrix3::zeros())
             .all(|one| one.variance < self.active.variance_of(one));
         turned.replace(&measured, &input);
-        // To go back would undo the turn.
+        // Restoring a checkpoint would undo the turn.
         self.forget_checkpoints();
         self.visit = VisitWatch::default();
         self.trial = IronTrial::default();

@@ -27,7 +27,7 @@ impl Default for Mounting {
 }
 
 impl Mounting {
-    /// The mounting with this matrix (`body = matrix · chip`), if it is orthogonal within 0.01.
+    /// The mounting with this matrix (`body = matrix · chip`), if it is orthogonal within 0.01: people write two decimals.
     pub fn from_matrix(matrix: Matrix3<f64>) -> Option<Self> {
         let error = (matrix * matrix.transpose() - Matrix3::identity()).norm();
         (error < 0.01).then_some(Self { matrix })
@@ -116,15 +116,12 @@ impl FromStr for Mounting {
                 matrix
             }
             9 => {
-                let mut numbers = [0.0; 9];
-                for (number, word) in numbers.iter_mut().zip(&words) {
-                    *number = word
-                        .parse::<f64>()
-                        .ok()
-                        .filter(|n| n.is_finite())
-                        .ok_or_else(|| fail(&format!("{word:?} is no number")))?;
-                }
-                Matrix3::from_row_slice(&numbers)
+                let number = |word: &&str| {
+                    let number = word.parse::<f64>().ok().filter(|n| n.is_finite());
+                    number.ok_or_else(|| fail(&format!("{word:?} is no number")))
+                };
+                let numbers: Result<Vec<f64>, String> = words.iter().map(number).collect();
+                Matrix3::from_row_slice(&numbers?)
             }
             n => return Err(fail(&format!("found {n} of the three or nine words"))),
         };
@@ -229,6 +226,27 @@ pub fn add_variance<const N: usize>(
     for state in states {
         covariance[(state, state)] += variance;
     }
+}
+
+/// Gives each of these states this variance, without correlations.
+pub fn reset_variance<const N: usize>(
+    covariance: &mut SMatrix<f64, N, N>,
+    states: Range<usize>,
+    variance: f64,
+) {
+    for state in states {
+        covariance.row_mut(state).fill(0.0);
+        covariance.column_mut(state).fill(0.0);
+        covariance[(state, state)] = variance;
+    }
+}
+
+/// vᵀ P v: the variance of the sum of states with this covariance, each times its weight.
+pub fn variance_along<const N: usize>(
+    covariance: &SMatrix<f64, N, N>,
+    weights: &SVector<f64, N>,
+) -> f64 {
+    weights.dot(&(covariance * weights))
 }
 
 /// Puts a block into a matrix, its first entry at this row and column.

@@ -11,18 +11,19 @@ use crate::frame::Mountings;
 use crate::reading::{Field, HELD_S, Reading};
 use rest::RestRate;
 
-/// So many times the same …
+/// Number of identical values before a sensor counts as frozen.
 const READINGS: u32 = 20;
-/// … over at least this long, seconds: some rows repeat a sensor's last value until it has a new one, …
+/// Least duration of the run, seconds: some rows repeat a sensor's last value until it has a new one.
 const LASTING_S: f64 = 0.5;
-/// … while the board turns by this much, radians (30°): no field looks the same then …
+/// Least rotation during the run, radians (30°): no field looks the same after it.
 const TURNED_RAD: f64 = 0.52;
-/// … at this rate or faster, rad/s (20 °/s): more than a gyro's bias; or slower, once the rate at rest is known.
+/// Rotation counts at this rate or faster, rad/s (20 °/s), which exceeds any gyro's bias. Slower rotation counts once the rate at rest is
+/// known.
 pub(crate) const MOVING_RAD_S: f64 = 0.35;
-/// A rotation that is the same again and again may be a turntable's. It is a frozen gyro's if over this angle, radians
-/// (90°), …
+/// A gyro that repeats its rate counts as frozen after this rotation by its own account, radians (90°), if the field stands still.
+/// Otherwise the rotation may be a turntable's.
 const BELIED_RAD: f64 = 1.57;
-/// … the field changes by less than this share of it.
+/// A field that changes by less than this share of it meanwhile stands still.
 const BELIED_SHARE: f64 = 0.05;
 /// A gyro that is silent for longer shows no motion, seconds.
 pub(crate) const GAP_S: f64 = 0.5;

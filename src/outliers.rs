@@ -1,5 +1,5 @@
-//! Readings that no sensor has taken: lost bytes, a bus that slipped, an absurd register. They are dropped before
-//! anybody uses them, since a gyro is integrated: a single reading of 2279 °/s turns a heading by 23°.
+//! Readings that no sensor has taken: lost bytes, a bus that slipped, an absurd register. They are dropped first, since a gyro is
+//! integrated: a single reading of 2279 °/s turns a heading by 23°.
 //!
 //! Two kinds of value are impossible: one beyond what any chip measures, and one that leaps away from neighbours that
 //! agree with each other. Only the next reading tells a leap from motion, so the first reading after a leap is always
@@ -23,14 +23,14 @@ pub const LARGEST_FIELD_MGAUSS: f64 = 1e5;
 const GAP_S: f64 = 0.5;
 /// Times jitter: neighbours are taken as apart by at least this, seconds.
 const SHORTEST_S: f64 = 0.002;
-/// A change that is steeper than those of late by more than this factor is a leap …
+/// A change counts as a leap if it is this many times steeper than the steepest recent one.
 const STEEPER: f64 = 3.0;
-/// … and "of late" is this long, seconds.
+/// Time constant with which that steepness fades, seconds.
 const LATELY_S: f64 = 0.5;
 /// At most this many in a row are dropped: what persists is what the sensor measures.
 const IN_A_ROW: u32 = 2;
 
-/// A change that is no leap whatever went before: so much, and so much a second. 90 °/s, and 3000 °/s².
+/// Changes up to this are never a leap: an offset, plus a slope times the time between both (90 °/s and 3000 °/s²).
 const USUAL_RATE: (f64, f64) = (1.57, 52.0);
 /// The same for a force, m/s² and m/s³.
 const USUAL_FORCE: (f64, f64) = (10.0, 500.0);

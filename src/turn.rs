@@ -17,9 +17,10 @@ mod vertical;
 use chain::Chain;
 use vertical::Vertical;
 
-/// Past this share of a turn, the detector about the vertical takes precedence …
+/// Progress, as a share of a turn, from which the detector about the vertical takes precedence.
 const ABOUT_TO_TURN: f64 = 0.9;
-/// … for this much more rotation, radians (20°), unless it waits for the rest of a turn.
+/// Rotation for which the chain's detector then waits for it, radians (20°). It waits without limit if the detector about the vertical
+/// itself waits for the rest of a turn.
 const PATIENCE_RAD: f64 = 0.35;
 
 /// Highest mean rate of a full turn, degrees a second: a faster one means that the gyro's unit is wrong.

@@ -27,7 +27,7 @@ impl Linear {
     }
 }
 
-/// The gyro's account of a motion, with this bias taken out, gyro axes: one knot a reading.
+/// The rotation measured by the gyro, corrected for a bias, gyro axes: one knot a reading.
 pub(super) struct Carried {
     knots: Vec<Knot>,
 }

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 /// A reading within this part of a full scale that is known is taken as clipped.
 const NEAR: f64 = 0.005;
-/// An unknown full scale shows in an axis that reads its largest value this many times in a row, to the last bit.
+/// An unknown full scale is recognised when an axis repeats its largest value exactly, this many times in a row.
 const SAME: u32 = 3;
 /// A full scale is larger than this, degrees per second. Gyros have 250 or more; some are set to less.
 const LEAST_RANGE_DEG_S: f64 = 100.0;

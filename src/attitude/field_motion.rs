@@ -14,7 +14,8 @@ const MOVED_MGAUSS: f64 = 5.0;
 /// horizontal field further than that between them.
 const DRIFT_FAST_S: f64 = 2.0;
 const DRIFT_SLOW_S: f64 = 20.0;
-/// After a turn the second pair restarts, and it is used again this long afterwards, seconds: by then a swing of 0.6°/s parts it.
+/// After a turn the second pair restarts, and it is used again this long afterwards, seconds: by then a swing of 0.6°/s separates its two
+/// filters.
 const SETTLED_S: f64 = 10.0;
 /// Margin for noise on top of `MOVED_MGAUSS`: so many deviations of what noise makes of the fast low-pass, and at most so much; more would
 /// hide a turn.

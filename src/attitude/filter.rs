@@ -1,5 +1,5 @@
-//! VQF on the even clock, and what it must be told: when the accelerometer comes and goes, and when the board
-//! cannot be at rest.
+//! Runs VQF on the even clock, resets its accelerometer filters when the accelerometer comes or goes, and disables its rest detection while
+//! the field moves.
 
 use std::f64::consts::SQRT_2;
 
@@ -17,9 +17,9 @@ use crate::frame::hypot;
 
 /// The vertical is known once the accelerometer has levelled the frame for this long, seconds.
 const LEVELLING_S: f64 = 1.0;
-/// What gyro errors may add to the tilt, radians (1.4°): the accelerometer's time constant is as long as that allows, since
-/// a vehicle's acceleration lasts for seconds, and an error of the gyro for ever. If acceleration adds more tilt than this, the gyro's
-/// errors may add as much as the acceleration does: a shorter time constant would let more acceleration pass.
+/// Tilt that gyro errors may cause, radians (1.4°). The accelerometer's time constant is the longest one that keeps it: a vehicle
+/// accelerates for seconds, a gyro error lasts. Where acceleration causes more tilt than this, gyro errors may cause as much: a shorter
+/// time constant would let in more acceleration.
 const TILT_BUDGET_RAD: f64 = 0.025;
 /// Upper limit of that budget while acceleration raises it, radians: the tilt that a wrong gyro causes looks like acceleration.
 const MOST_BUDGET_RAD: f64 = 0.1;

@@ -25,7 +25,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::GyroBias;
 use super::bias_walk::{BiasWalk, LEAST_WALK_RAD_S};
 use super::force_readings::GRAVITY_M_S2;
-use crate::frame::add_variance;
+use crate::frame::{add_variance, reset_variance, variance_along};
 use measure::HELD_BACK_WINDOWS;
 use window::Window;
 
@@ -60,9 +60,9 @@ pub(super) const RESTART_BIAS_RAD_S: f64 = 0.0175;
 const FORCE_BIAS_M_S2: f64 = 0.1;
 /// Arm to expect, m: a wrist's.
 const ARM_M: f64 = 0.1;
-/// On a board that stays upright, the accelerometer's bias tilts the frame by a constant, which the estimate learns as a rotation between the
-/// chips. This share of the bias then does not count. A larger one makes a boat at anchor falsely sure more often; with a smaller one,
-/// motions that repeat teach wrong errors of the gyro.
+/// Share of the accelerometer's bias that is ignored on an upright board, where it only tilts the frame by a constant (the estimate learns
+/// that as a rotation between the chips). A larger one makes a boat at anchor falsely sure more often; with a smaller one, motions that
+/// repeat teach wrong errors of the gyro.
 const STAYS: f64 = 0.7;
 /// u at first: the specific force of a board that may be shaken, m/s².
 const FIRST_M_S2: f64 = 2.0;
@@ -74,8 +74,8 @@ const ACCELERATION_M_S2: f64 = 1.0;
 const MOST_SPEED_M_S: f64 = 60.0;
 /// Walk of an accelerometer's bias, m/s² per √s: 5 thousandths of g in an hour, ten kelvin of an ADXL345 or MPU-6050.
 const FORCE_BIAS_WALK_M_S2: f64 = 0.000_8;
-/// A gyro's bias after a gap differs by this on an axis, rad/s (0.3°/s), its least walk of an hour: times do not tell how long a chip or its recorder
-/// was off.
+/// A gyro's bias after a gap differs by this on an axis, rad/s (0.3°/s), its least walk of an hour: the length of the gap does not tell
+/// whether the chip was off.
 pub(super) const GAP_BIAS_RAD_S: f64 = 60.0 * LEAST_WALK_RAD_S;
 /// A board that keeps within 18° of its mean up surely stays upright, one that has left 37° does not; cosines. Rotation about the vertical
 /// of an upright board shows in gravity only as far as it sways, and accelerations sway with it.
@@ -164,14 +164,14 @@ impl GyroErrors {
     /// Begins with the bias of the last start, body axes, rad/s.
     pub(super) fn expect_bias(&mut self, bias_rad_s: Vector3<f64>) {
         self.bias = bias_rad_s;
-        self.reset_covariance(B, RESTART_BIAS_RAD_S);
+        reset_variance(&mut self.p, B..B + 3, RESTART_BIAS_RAD_S.powi(2));
     }
 
     /// Begins with this bias of the accelerometer, body axes, m/s².
     pub(super) fn expect_force_bias(&mut self, bias_m_s2: Vector3<f64>) {
         self.force_bias = bias_m_s2;
         self.expected_force_bias = FORCE_BIAS_M_S2.max(bias_m_s2.amax());
-        self.reset_covariance(A, FORCE_BIAS_M_S2);
+        reset_variance(&mut self.p, A..A + 3, FORCE_BIAS_M_S2.powi(2));
     }
 
     /// The gyro may have been started again, or its bias has jumped: adds this deviation to that of its bias on each axis, rad/s.
@@ -197,7 +197,7 @@ impl GyroErrors {
     pub(super) fn bias_sd_rad_s(&self) -> f64 {
         let own = self.bias_covariance();
         let up = self.upright;
-        let across = own.trace() - (up.transpose() * own * up)[0];
+        let across = own.trace() - variance_along(&own, &up);
         (across / (3.0 - up.norm_squared())).max(0.0).sqrt()
     }
 
@@ -319,10 +319,10 @@ impl GyroErrors {
         self.up = Some(up);
         self.upright = window.mean_in_body(&up.normalize());
         self.velocity.fill(0.0);
-        self.reset_covariance(U, FIRST_M_S2);
-        self.reset_covariance(V, self.speed2.sqrt());
+        reset_variance(&mut self.p, U..U + 3, FIRST_M_S2.powi(2));
+        reset_variance(&mut self.p, V..V + 3, self.speed2);
         self.arm.fill(0.0);
-        self.reset_covariance(ARM, ARM_M);
+        reset_variance(&mut self.p, ARM..ARM + 3, ARM_M.powi(2));
     }
 
     /// How much of the accelerometer's bias counts, 0 to 1, see `STAYS`.
@@ -340,14 +340,5 @@ impl GyroErrors {
     fn across(&self) -> Matrix3<f64> {
         let up = self.upright / self.upright.norm().max(1e-9);
         Matrix3::identity() - up * up.transpose() * self.upright_share()
-    }
-
-    /// Sets the covariance of three states to sd², without correlations.
-    fn reset_covariance(&mut self, at: usize, sd: f64) {
-        for index in at..at + 3 {
-            self.p.row_mut(index).fill(0.0);
-            self.p.column_mut(index).fill(0.0);
-            self.p[(index, index)] = sd * sd;
-        }
     }
 }

@@ -11,7 +11,7 @@
 const MEAN_S: f64 = 30.0;
 /// Later than this is a gap, seconds.
 const GAP_S: f64 = 0.1;
-/// Readings that had piled up come closer together than this share of a period: a line is at most four fifths full.
+/// Readings that had piled up come closer together than this share of a period: a serial line is at most four fifths full.
 const PILED: f64 = 0.8;
 /// A step of more than this many periods is a pause, or readings were lost in it.
 const LONG: f64 = 1.5;
@@ -36,22 +36,29 @@ pub struct Lateness {
     seen_s: f64,
     count: f64,
     late_s: f64,
-    /// Share of the bursts whose last reading was late by more than a period.
-    held_back: f64,
     /// Least lateness in the window that runs and in the one before, and for how long the first has run, seconds.
     least_s: f64,
     least_before_s: f64,
     window_s: f64,
-    /// Mean squared correction per second, s²/s.
-    walk_s2: f64,
-    /// Duration of the current burst and of the mean one, seconds, and the number of bursts. A reading that came alone is a burst of 0 s.
+    /// Duration of the current burst, seconds. A reading that came alone is a burst of 0 s.
     burst_s: f64,
-    mean_burst_s: f64,
-    bursts: f64,
     /// Whether the last step was long.
     long: bool,
+    habits: Habits,
+}
+
+/// What is known of source and host, which a gap does not change.
+#[derive(Clone, Copy, Debug, Default)]
+struct Habits {
     /// Mean over long steps: 1 where readings were lost, -1 where the host paused.
     losses: f64,
+    /// Share of the bursts whose last reading was late by more than a period.
+    held_back: f64,
+    /// Mean squared correction per second, s²/s.
+    walk_s2: f64,
+    /// Duration of the mean burst, seconds, and the number of bursts.
+    mean_burst_s: f64,
+    bursts: f64,
 }
 
 impl Lateness {
@@ -65,11 +72,7 @@ impl Lateness {
             // The number of readings in the gap is unknown, so the period is measured anew.
             *self = Self {
                 last_s: Some(t_s),
-                losses: self.losses,
-                held_back: self.held_back,
-                walk_s2: self.walk_s2,
-                mean_burst_s: self.mean_burst_s,
-                bursts: self.bursts,
+                habits: self.habits,
                 ..Self::default()
             };
             return 0.0;
@@ -85,18 +88,18 @@ impl Lateness {
         let piled = step_s < PILED * self.period_s;
         if self.long {
             let loss = if piled { -1.0 } else { 1.0 };
-            self.losses += (loss - self.losses) * LOSS_WEIGHT;
+            self.habits.losses += (loss - self.habits.losses) * LOSS_WEIGHT;
         }
         self.long = step_s > LONG * self.period_s;
         self.measure_bursts(step_s, piled);
         let before_s = self.limit_lateness_s(step_s, piled);
         let corrected2 = (self.late_s - before_s).powi(2);
-        self.walk_s2 += (corrected2 - self.walk_s2 * step_s) / WALK_MEAN_S;
+        self.habits.walk_s2 += (corrected2 - self.habits.walk_s2 * step_s) / WALK_MEAN_S;
         // A measured period that is too short would make lateness add up. So it is lengthened by the share that one step of `GAP_S` can
         // change it by.
         let forgiven = GAP_S / self.seen_s;
         let late_s = before_s + step_s - (1.0 + forgiven) * self.period_s;
-        self.late_s = if self.losses > 0.0 {
+        self.late_s = if self.habits.losses > 0.0 {
             0.0
         } else {
             late_s.clamp(0.0, GAP_S)
@@ -107,7 +110,7 @@ impl Lateness {
     /// Delay of all readings that their times do not show, seconds: its mean and its deviation are half the duration of a burst. A host that
     /// reads until nothing is left adds none of it; one that reads what had arrived when it began adds the whole burst.
     pub fn unobservable_s(&self) -> f64 {
-        0.5 * self.mean_burst_s
+        0.5 * self.habits.mean_burst_s
     }
 
     fn measure_bursts(&mut self, step_s: f64, piled: bool) {
@@ -115,16 +118,16 @@ impl Lateness {
             self.burst_s += step_s;
             return;
         }
-        self.bursts += 1.0;
-        let weight = (1.0 / self.bursts).max(BURST_WEIGHT);
-        self.mean_burst_s += (self.burst_s - self.mean_burst_s) * weight;
+        self.habits.bursts += 1.0;
+        let weight = (1.0 / self.habits.bursts).max(BURST_WEIGHT);
+        self.habits.mean_burst_s += (self.burst_s - self.habits.mean_burst_s) * weight;
         self.burst_s = 0.0;
     }
 
     /// Variance that the corrections add to the times per second, s²/s. A lost reading shifts the times of those after it, until a
     /// correction shows by how much.
     pub fn walk_s2(&self) -> f64 {
-        self.walk_s2
+        self.habits.walk_s2
     }
 
     /// Limits how late the reading before was, by the length of the step after it. Returns that lateness, seconds, and learns whether
@@ -133,8 +136,8 @@ impl Lateness {
         let mut late_s = self.late_s;
         if !piled {
             let held_back = f64::from(late_s > self.period_s);
-            self.held_back += (held_back - self.held_back) * BURST_WEIGHT;
-            if self.held_back < HELD_BACK {
+            self.habits.held_back += (held_back - self.habits.held_back) * BURST_WEIGHT;
+            if self.habits.held_back < HELD_BACK {
                 late_s = late_s.min(self.period_s);
             }
         }

@@ -1,5 +1,5 @@
-//! How the gyro's readings change: as usual, in jumps, or not at all. A board changes its rate smoothly, but for a knock; a gyro that fails changes
-//! its reading at once.
+//! Watches how the gyro's reading changes: smoothly, in a jump, or not at all. A board changes its rate smoothly, except when knocked; a
+//! failing gyro jumps.
 //!
 //! The field tells the two apart only later: the magnetometer lags behind the gyro, and the board must have turned by a few degrees.
 
@@ -13,7 +13,7 @@ use crate::reading::HELD_S;
 const HOLD_READINGS: (f64, f64) = (1.0, 10.0);
 
 /// A step from one reading to the next is a jump if it exceeds the usual step, a root mean square, by this factor. The largest steps of a
-/// swinging hand are 1.4 times their root mean square, and those of noise 4 times.
+/// swinging hand are 1.4 times their root mean square, and those of noise 4 times: this is twice as much.
 const JUMP_FACTOR: f64 = 8.0;
 /// The usual step is averaged over this time, seconds: long enough to contain several knocks of a hand that handles the board.
 const USUAL_S: f64 = 3.0;

@@ -11,6 +11,7 @@ use super::follow;
 
 /// Field and force have jumped if both steps exceed the usual ones, root mean squares: each by more than `LEAST_FACTOR`, and by more than
 /// `JUMP_FACTOR` in the geometric mean. The largest steps of a swinging hand are 1.4 times their root mean square, those of noise 4 times.
+/// `rate_changes` has a larger factor, since it sees one sensor: here both must jump at once.
 const JUMP_FACTOR: f64 = 6.0;
 const LEAST_FACTOR: f64 = 3.0;
 /// The usual step is averaged over this time, seconds.
@@ -99,30 +100,31 @@ impl Default for SeamWatch {
 }
 
 impl SeamWatch {
-    /// Takes a field, milligauss. Whether both have jumped.
-    pub(super) fn take_field(&mut self, t_s: f64, field: Vector3<f64>) -> bool {
-        self.field.take(t_s, field) && self.both_jumped()
+    /// Takes a field, milligauss, and up as it is now, body axes.
+    pub(super) fn take_field(&mut self, t_s: f64, field: Vector3<f64>, up: Vector3<f64>) {
+        if self.field.take(t_s, field) {
+            self.compare_after_jump(up);
+        }
     }
 
     /// The same for a specific force, m/s².
-    pub(super) fn take_force(&mut self, t_s: f64, force: Vector3<f64>) -> bool {
-        self.force.take(t_s, force) && self.both_jumped()
+    pub(super) fn take_force(&mut self, t_s: f64, force: Vector3<f64>, up: Vector3<f64>) {
+        if self.force.take(t_s, force) {
+            self.compare_after_jump(up);
+        }
     }
 
-    /// Whether the last jumps of field and force are one.
-    fn both_jumped(&self) -> bool {
+    /// Begins to compare the mean specific force with `up` if the last jumps of field and force are one.
+    fn compare_after_jump(&mut self, up: Vector3<f64>) {
         let apart_s = (self.field.jumped_s - self.force.jumped_s).abs();
-        apart_s < TOGETHER_S && self.field.factor * self.force.factor > JUMP_FACTOR.powi(2)
-    }
-
-    /// Begins to compare the mean specific force with up as it is now, body axes.
-    pub(super) fn compare_with(&mut self, up: Vector3<f64>) {
-        self.since = Some(Since {
-            up,
-            turned: UnitQuaternion::identity(),
-            force_sum: Vector3::zeros(),
-            age_s: 0.0,
-        });
+        if apart_s < TOGETHER_S && self.field.factor * self.force.factor > JUMP_FACTOR.powi(2) {
+            self.since = Some(Since {
+                up,
+                turned: UnitQuaternion::identity(),
+                force_sum: Vector3::zeros(),
+                age_s: 0.0,
+            });
+        }
     }
 
     /// The frame has been lost, and up with it.

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
+use super::GRAVITY_M_S2;
 use crate::reading::Reading;
 
 /// Earth field, X east, Y north, Z up, milligauss: a dip of 67°.
@@ -68,7 +69,7 @@ impl TestBoard {
 
     fn read(&mut self, rate: Vector3<f64>) {
         let field = self.attitude.inverse() * EARTH_FIELD + HARD_IRON + self.noise(2.0);
-        let force = self.attitude.inverse() * Vector3::new(0.0, 0.0, 9.81) + self.noise(0.03);
+        let force = self.attitude.inverse() * Vector3::z() * GRAVITY_M_S2 + self.noise(0.03);
         let bias = self.gyro_bias_deg_s.map(f64::to_radians);
         let rate = rate + bias + self.noise(0.002);
         self.readings.push(Reading {

@@ -27,8 +27,7 @@ const NO_TRIM_RAD: f64 = 0.14;
 const ACCELERATED_S: f64 = 1.0;
 /// The acceleration's mean square grows and shrinks within these times, seconds: a driver brakes and turns for seconds.
 const ACCELERATION_MEAN_S: (f64, f64) = (0.5, 3.0);
-/// What lasts longer than this in one direction, seconds, is no acceleration but a board that has heeled over: a car reaches 80 km/h
-/// in 20 s.
+/// A force in one direction that lasts longer than this, seconds, is heel, not acceleration: a car reaches 80 km/h in 20 s.
 const HEEL_S: f64 = 30.0;
 /// Variance of what is felt at least, rad²: an accelerometer's noise.
 const LEAST2: f64 = 1e-6;

@@ -4,7 +4,7 @@ use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::curve::Curve;
 use super::model::Mode;
-use crate::frame::Mounting;
+use crate::frame::{Mounting, variance_along};
 
 /// Headings that the prediction is averaged over.
 const HEADINGS: usize = 36;
@@ -38,7 +38,7 @@ pub fn heading_sd_deg<const D: usize, const P: usize>(
             }
         };
         let gradient = curve.azimuth(&h, &azimuth);
-        variance += gradient.dot(&(covariance * gradient)) / HEADINGS as f64;
+        variance += variance_along(covariance, &gradient) / HEADINGS as f64;
     }
     variance.max(0.0).sqrt().to_degrees()
 }

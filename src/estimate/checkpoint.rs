@@ -57,11 +57,11 @@ impl Estimate {
         );
         let rival = kept.rival.as_mut().map(|rival| &mut rival.filter);
         for filter in [&mut kept.active].into_iter().chain(rival) {
-            filter.learn_of_gyro_bias(&learnt, self.parameters_fixed);
+            filter.take_gyro_bias(&learnt, false, self.parameters_fixed);
             filter.pass(&meanwhile, self.parameters_fixed);
         }
         if let Some(proven) = &mut kept.proven {
-            proven.wait(&learnt);
+            proven.take_gyro_bias(&learnt.unmeasured(), true, true);
         }
         self.active = kept.active;
         self.rival = kept.rival;

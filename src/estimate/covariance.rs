@@ -20,9 +20,9 @@ pub(super) const N: usize = 30;
 
 pub(super) type Covariance = SMatrix<f64, N, N>;
 
-/// The states that move by themselves: the field, the tilt error, the unevenness and the offset of the place.
+/// The states whose rows of F are not the identity's: the field, the tilt error, the unevenness and the offset of the place.
 const MOVING: [usize; 11] = [H, H + 1, H + 2, E, E + 1, M, M + 1, M + 2, Q, Q + 1, Q + 2];
-/// All others: b and D, and T, G and S.
+/// The others: b and D, and T, G and S.
 const LASTING: [Range<usize>; 2] = [B..M, T..Q];
 
 /// Blocks of the transition matrix F; all others are the identity's.

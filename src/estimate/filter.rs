@@ -26,16 +26,18 @@
 //! `filter/turn_result.rs` puts in the result of a full turn, `filter/gyro_bias.rs` learns the gyro's bias, by the attitude and on a still board,
 //! `filter/rest.rs` tells a board at rest from one that swings, and `filter/known.rs` answers what is known.
 
-use std::ops::RangeInclusive;
+use std::ops::{Range, RangeInclusive};
 
 use nalgebra::{Matrix3, SVector, Vector3};
 
-use super::covariance::{B, Covariance, D, E, G, H, M, N, Q, S, T, subtract};
+#[cfg(test)]
+use super::covariance::G;
+use super::covariance::{B, Covariance, D, E, H, M, N, Q, S, T, subtract};
 use super::prior::{FIELD_MGAUSS, Measured, Prior, USUAL_UNEVENNESS};
 use crate::attitude::{BiasWalk, BoardState};
 #[cfg(test)]
 use crate::attitude::{GyroBias, TiltError};
-use crate::frame::{add_variance, put, rows};
+use crate::frame::{add_variance, put, reset_variance, rows};
 use rest::RestWatch;
 use unevenness::LEAST_NOISE_MGAUSS;
 use whiteness::Whiteness;
@@ -54,24 +56,24 @@ type State = SVector<f64, N>;
 
 /// Deviation of each part of the field before anything is known, as a share of `FIELD_MGAUSS`: 750 mG, more than the strongest on earth.
 const FIELD_SD: f64 = 1.5;
-/// Bias to expect of a gyro, rad/s (2°/s), until the attitude has stated what it knows of it.
-const GYRO_BIAS_RAD_S: f64 = 0.035;
-/// Scale error to expect on an axis of a gyro, of which the attitude has taken out what gravity shows.
+/// Scale error to expect on an axis of a gyro: less than the attitude expects (`SCALE` in `attitude/gyro_errors.rs`), which has taken out
+/// what gravity shows.
 const GYRO_SCALE: f64 = 0.01;
 /// Lag to expect of a magnetometer, one standard deviation, seconds: half its period and some filtering. On recorders
 /// it is 16 ms, and 60 ms at most, which is three deviations. With 15 ms, a board that only pitches at first takes a lag of 56 ms for iron.
 const LAG_S: f64 = 0.02;
 /// Limits of the lag, seconds. The upper one is twice the longest on any recorder. The lower one is for recorders on which the gyro is late
-/// instead, so that the magnetometer seems early. On a board that is shaken at first, a lag beyond these limits may fit the phase of the motion as
-/// well as the true one.
+/// instead, so that the magnetometer seems early. The limits are needed because, if the board is shaken from the start, a lag outside them
+/// can fit the motion as well as the true one.
 const LAG_RANGE_S: RangeInclusive<f64> = -0.06..=0.12;
 /// Jitter of the times of samples, seconds: that of a bus which the kernel polls. Any value from 1 to 5 ms gives nearly the same simulated figures.
 const JITTER_S: f64 = 0.002;
 /// Tilt error of the frame until the attitude states its own, radians.
 const FIRST_TILT_RAD: f64 = 0.012;
-/// Unevenness of the field at first, as a share of it.
+/// Unevenness of the field at first without a calibration, as a share of it: more than that of usual places, since the model may be wrong
+/// too.
 const FIRST_UNEVENNESS: f64 = 0.035;
-/// A disturbance by this share of the field is no place's unevenness: four deviations.
+/// An unevenness above this share of the field is a disturbance: four deviations of that of usual places.
 pub(super) const DISTURBED: f64 = 4.0 * USUAL_UNEVENNESS;
 /// Unevenness is forgotten by moving this long, seconds.
 const FORGET_MOVING_S: f64 = 1.0;
@@ -79,7 +81,7 @@ const FORGET_MOVING_S: f64 = 1.0;
 /// between pieces of iron in a room. At 10 s its headings are falsely sure 1.7 times as often; at 40 s they are `good` in 80 % instead of
 /// 85 % of the time. A board that turns on one spot for minutes counts as moving on: north is then the field's mean over that spot.
 const PLACE_LASTS_S: f64 = 20.0;
-/// A still board that has turned by so much, 6°, swings.
+/// A still board that has turned by more than this, radians (6°), swings.
 pub(super) const SWING_RAD: f64 = 0.1;
 
 /// What the filter is told of one magnetometer sample.
@@ -97,7 +99,7 @@ pub(super) struct Input {
     pub(super) turned_rad: Vector3<f64>,
     /// Variance of the rotation that the gyro has missed meanwhile, each axis, rad².
     pub(super) missed_rad2: f64,
-    /// Time between the arrivals of both samples, seconds. After a pause of the host it is not the time between their measurements.
+    /// Time between the measurements of both samples, seconds, not corrected for the magnetometer's lag.
     pub(super) period_s: f64,
     /// Lag for which frame, rate and turn are already corrected, seconds.
     pub(super) lag_s: f64,
@@ -138,8 +140,6 @@ pub(super) struct Filter {
     p: Covariance,
     /// Whether the state has begun.
     pub(super) begun: bool,
-    /// Whether it starts from a calibration.
-    calibrated: bool,
     /// Time in motion without a disturbance since this frame began, summed, seconds.
     pub(super) undisturbed_s: f64,
     /// Orientation at the first sample, body to frame.
@@ -149,12 +149,15 @@ pub(super) struct Filter {
     /// Root mean square of what the field's strength may be, milligauss: √(|h|² + tr P_h), at most |h| or the strongest field on earth,
     /// whichever is larger.
     strength_rms_mgauss: f64,
-    /// What a turn has measured, until there is a field to go with it.
-    measured: Vec<Measured>,
-    /// Variances: unevenness, its mean in motion, and place as shares of the field, noise in milligauss².
+    /// What a calibration's turn has measured, until there is a field to go with it. `None` without a calibration, and once begun.
+    measured: Option<Vec<Measured>>,
+    /// Variance of the unevenness, as a share of the field's square.
     unevenness2: f64,
+    /// Mean of that in motion.
     mean_unevenness2: f64,
+    /// Variance of the place's offset, as a share of the field's square.
     place2: f64,
+    /// Variance of a sample's white noise, milligauss².
     noise2: f64,
     innovation: Option<Vector3<f64>>,
     whiteness: Whiteness,
@@ -190,7 +193,6 @@ impl Filter {
             (H, FIELD_SD * FIELD_MGAUSS),
             (M, unevenness * FIELD_MGAUSS),
             (Q, USUAL_UNEVENNESS * FIELD_MGAUSS),
-            (G, GYRO_BIAS_RAD_S),
             (S, GYRO_SCALE),
         ];
         for (at, sd) in diagonal {
@@ -205,12 +207,11 @@ impl Filter {
             x,
             p,
             begun: false,
-            calibrated,
             undisturbed_s: 0.0,
             first_attitude: None,
             vertical_known: false,
             strength_rms_mgauss: prior.strength_mgauss.unwrap_or(FIELD_MGAUSS),
-            measured: prior.measured.clone(),
+            measured: calibrated.then(|| prior.measured.clone()),
             unevenness2: unevenness.powi(2),
             mean_unevenness2: USUAL_UNEVENNESS.powi(2),
             place2: USUAL_UNEVENNESS.powi(2),
@@ -250,8 +251,7 @@ impl Filter {
     }
 
     /// Takes a sample. With `fixed`, hard iron and matrix stay as they are, and so does their uncertainty, which counts (a Schmidt–Kalman
-    /// filter).
-    /// On a still board the field never changes them; the gyro's readings may, since its bias is correlated with them.
+    /// filter). On a still board the field never changes them; the gyro's readings may, since its bias is correlated with them.
     fn take(&mut self, input: &Input, fixed: bool) {
         if input.rests() {
             self.learn_bias_at_rest(input, fixed);
@@ -292,13 +292,10 @@ impl Filter {
         (at..at + count).map(|index| self.p[(index, index)]).sum()
     }
 
-    /// Forgets all about some states, and how they go with others.
-    fn clear(&mut self, at: usize, count: usize) {
-        for index in at..at + count {
-            self.x[index] = 0.0;
-            self.p.row_mut(index).fill(0.0);
-            self.p.column_mut(index).fill(0.0);
-        }
+    /// Resets these states to 0 with this variance, without correlations.
+    fn restart(&mut self, states: Range<usize>, variance: f64) {
+        self.x.rows_range_mut(states.clone()).fill(0.0);
+        reset_variance(&mut self.p, states, variance);
     }
 }
 
@@ -306,7 +303,13 @@ impl Filter {
 impl Filter {
     /// The same, sure that the magnetometer does not lag.
     pub(super) fn without_lag(mut self) -> Self {
-        self.clear(T, 1);
+        self.restart(T..T + 1, 0.0);
+        self
+    }
+
+    /// The same, with the gyro's bias known to 2°/s on each axis.
+    pub(super) fn unsure_of_gyro(mut self) -> Self {
+        self.restart(G..G + 3, 0.035f64.powi(2));
         self
     }
 }

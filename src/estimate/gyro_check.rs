@@ -32,14 +32,14 @@ use witness::Witness;
 /// Readings that are the same to the last bit are a real rotation, that of a turntable, only above this correlation.
 const CONSTANT_CORRELATES: f64 = 0.5;
 /// A gyro is dead when gravity and field have moved together so often in a row, each by so much of itself (6°), without it. A car that
-/// brakes moves gravity, one that passes it the field; both at once are a chance.
+/// brakes moves gravity, one that passes it the field; both at once is a coincidence.
 const TOGETHER: u32 = 3;
 const MOVED: f64 = 0.1;
 /// A gyro that turns by less than this share of what gravity and field do is silent.
 const SILENT: f64 = 0.3;
 /// Readings of the gyro that are the same to the last bit for this long, seconds, may be no measurement.
 const CONSTANT_S: f64 = 0.5;
-/// A magnet that is put beside a board at rest changes the field once or twice, a turn again and again.
+/// Number of changes that rule out a magnet placed beside a board at rest, which makes one or two.
 const CONSTANT_CHANGES: u32 = 3;
 
 /// While readings are the same to the last bit, they may be no measurement: a moving gyro has noise. The board is then taken to turn
@@ -89,7 +89,7 @@ pub(super) struct GyroCheck {
 }
 
 impl GyroCheck {
-    /// Takes a sample, and what the filter knows. Whether the sample has shown the gyro to be right. While iron may just have come or gone
+    /// Takes a sample, and what the filter knows. Returns whether this sample proves the gyro right. While iron may just have come or gone
     /// (`iron_open`), only a gyro that repeats its reading or misses the field's turns is judged: neither depends on the iron.
     pub(super) fn take(&mut self, input: &Input, filter: &Filter, iron_open: bool) -> bool {
         let constant = input.board.gyro_constant_s > CONSTANT_S;
@@ -215,7 +215,7 @@ impl GyroCheck {
         self.turns = FieldTurns::default();
     }
 
-    /// A gyro that reads the same again and again does not see how the board turns.
+    /// Counts the rotation that a repeating gyro may miss, until its reading changes.
     fn count_unseen(&mut self, input: &Input) {
         if input.board.gyro_constant_s == 0.0 {
             self.unseen_rad = 0.0;

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use super::strength::{MOST_RAW_MGAUSS, horizontal, sd_along};
 use super::{Estimate, EstimatedHeading, kept, level};
 use crate::attitude::Pose;
-use crate::frame::{NO_HEADING, heading_deg, hypot, wrap_360};
+use crate::frame::{NO_HEADING, heading_deg, hypot, variance_along, wrap_360};
 use crate::reading::STRONGEST_MGAUSS;
 
 /// Deviation of a heading of which nothing is known, degrees: half a turn.
@@ -54,9 +54,9 @@ impl Estimate {
             Some(place) => place.on(known),
             None => known,
         };
-        let field = known.field;
+        let field = known.field();
         let by_attitude = pose.orientation * Vector3::x();
-        let nose = by_attitude - known.tilt_rad.cross(&by_attitude);
+        let nose = by_attitude - known.tilt_rad().cross(&by_attitude);
         let horizontal2 = nose.xy().norm_squared();
         if horizontal2 < NO_HEADING * NO_HEADING {
             return None;
@@ -69,7 +69,7 @@ impl Estimate {
         let variance = variance * self.active.consistency.max(self.iron.excess());
         let sd = hypot(variance.sqrt(), self.doubt_rad(missed_turn_rad));
         let sd = hypot(sd, hypot(self.scale_doubt_rad(), self.fixed_doubt_rad()));
-        let sd = hypot(sd, reversed_rad(&field, &known.field_covariance));
+        let sd = hypot(sd, reversed_rad(&field, &known.field_covariance()));
         let sd = if self.is_credible() { sd } else { PI };
         Some(EstimatedHeading::new(wrap_360(heading.to_degrees()), sd))
     }
@@ -114,11 +114,10 @@ impl Estimate {
     fn level_heading(&self, pose: &Pose, seen: &Vector3<f64>) -> Option<EstimatedHeading> {
         let (down, leaning_rad) = self.level.down()?;
         let covariance = self.active.field_covariance() * self.iron.excess();
-        let variance_along = |axis: &Vector3<f64>| (axis.transpose() * covariance * axis)[0];
         // A board that stays level never learns the vertical field, and its headings need it only as far as it tilts.
         let east = down.cross(&self.active.field());
-        let own = variance_along(&east.try_normalize(1e-6)?);
-        let vertical_variance = variance_along(&down);
+        let own = variance_along(&covariance, &east.try_normalize(1e-6)?);
+        let vertical_variance = variance_along(&covariance, &down);
         let down = pose.orientation.inverse_transform_vector(&down);
         let (vertical, horizontal) = level::split(seen, &down);
         // No field on earth has more.
@@ -159,7 +158,7 @@ impl Estimate {
         let vertical = vertical.abs().max(known_vertical.abs()) + tilt_sd * corrected.norm();
         let horizontal = horizontal.min(known_horizontal);
         let covariance = self.active.sample_covariance(&corrected);
-        let own = (east.transpose() * covariance * east)[0];
+        let own = variance_along(&covariance, &east);
         let tilt = tilt_sd * vertical;
         let sd = (own + tilt * tilt).sqrt() / horizontal;
         let sd = hypot(sd, rate_rad_s * self.active.lag_beyond_s(0.0));
@@ -179,8 +178,7 @@ impl Estimate {
         }
         let field = self.active.field();
         let covariance = self.active.field_covariance();
-        let slope = by_field(&field);
-        let variance = (slope.transpose() * covariance * slope)[0];
+        let variance = variance_along(&covariance, &by_field(&field));
         let sd = hypot(variance.max(0.0).sqrt(), self.scale_doubt_rad());
         let sd = hypot(sd, reversed_rad(&field, &covariance));
         sd.to_degrees().min(UNKNOWN_SD_DEG)

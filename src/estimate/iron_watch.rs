@@ -1,9 +1,9 @@
 //! Detects a hard-iron estimate that moves further than its covariance allows.
 //!
-//! While a filter learns a constant, each change stays within the deviation of the estimate before it. A larger change of the hard iron
-//! has one of two causes: a magnet was attached to the board, possibly weaker than the unevenness of the field here, or the gyro
-//! is wrong and the filter adapts the iron to it. When a rival filter becomes active, the iron may jump as well, and its cause is open
-//! for the same time. So the watch is not reset then.
+//! While a filter learns a constant, each change stays within the deviation of the estimate before it. A larger change of the hard iron has
+//! one of two causes: a magnet was attached to the board, possibly weaker than the unevenness of the field here, or the gyro is wrong and
+//! the filter adapts the iron to it. The watch is not reset when a rival becomes active: the iron may jump then too, and the cause is
+//! equally open.
 
 use nalgebra::{Matrix3, Vector3};
 

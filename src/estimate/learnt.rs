@@ -6,7 +6,7 @@ use super::{Estimate, prior};
 use crate::calibration::model::{Calibration, Model, PackedCovariance, Parameters, Spatial};
 
 impl Estimate {
-    /// The motion that would teach most: about which body axis to turn.
+    /// The rotation that would reduce the iron's uncertainty most.
     pub fn motion_wanted(&self) -> &'static str {
         // Turning about an axis shows the iron across it.
         let unknown = self.active.least_known().map(f64::abs);

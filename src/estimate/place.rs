@@ -6,12 +6,12 @@
 //!
 //! It is applied to headings only, never to the filter: a wrong place bends no calibration, and nothing needs to be undone.
 
-use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 
 use super::filter::Filter;
 use super::filter::known::FieldInFrame;
 use super::prior::SCALE;
-use crate::frame::hypot;
+use crate::frame::{hypot, variance_along};
 use crate::true_north::EarthField;
 
 /// Deviation of the mean gain of three axes, as a share: as large as that of one axis.
@@ -19,7 +19,7 @@ const GAIN: f64 = SCALE;
 /// Deviation of a place's field by a building or a vehicle, on each axis, as a share: as much as it differs from metre to metre on the
 /// simulated floors.
 const LOCAL: f64 = 0.05;
-/// A normalised square beyond this is no chance (2 degrees of freedom: 0.03 %).
+/// Gate on the normalised square: chance exceeds it in 0.03 % of cases (2 degrees of freedom).
 const CONTRADICTED: f64 = 16.0;
 /// A warning needs a normalised square above this, and so does a field that is called reversed: a vehicle that stays level learns the dip
 /// badly and understates its error.
@@ -54,7 +54,7 @@ struct Innovation {
 
 impl Innovation {
     fn squared(&self) -> f64 {
-        (self.value.transpose() * self.inverse * self.value)[0]
+        self.value.dot(&(self.inverse * self.value))
     }
 }
 
@@ -75,7 +75,7 @@ impl PlaceEvidence {
         }
     }
 
-    /// The same evidence after an update: where the field is nearly the same, contradiction and warning carry over.
+    /// Replaces `before`. If the field is nearly the same, its record of contradiction and warning is kept.
     pub(super) fn after(self, before: Option<Self>) -> Self {
         let near = SAME * self.expected.norm();
         match before {
@@ -110,7 +110,8 @@ impl PlaceEvidence {
             -period_s
         };
         self.against_s = (self.against_s + more_s).clamp(0.0, SURE_S);
-        let found = parts(&known.field) * known.field;
+        let field = known.field();
+        let found = parts(&field) * field;
         let certain = if self.reversed { CONTRADICTED } else { WARNED };
         self.reversed = squared > certain && self.is_mirrored_by(&found);
         // No iron that is passed reverses the field and nothing else.
@@ -146,38 +147,34 @@ impl PlaceEvidence {
             }
             _ => return known,
         };
-        let by_field: Matrix3x2<f64> = known.field_covariance * innovation.parts.transpose();
-        let by_tilt: Matrix2<f64> = known.cross.transpose() * innovation.parts.transpose();
-        let (field_gain, tilt_gain) = (by_field * innovation.inverse, by_tilt * innovation.inverse);
-        let tilt = tilt_gain * innovation.value;
+        let cross = known.covariance.fixed_columns::<3>(0) * innovation.parts.transpose();
+        let gain = cross * innovation.inverse;
         FieldInFrame {
-            field: known.field + field_gain * innovation.value,
-            tilt_rad: known.tilt_rad + tilt.push(0.0),
-            field_covariance: known.field_covariance - field_gain * by_field.transpose(),
-            tilt_covariance: known.tilt_covariance - tilt_gain * by_tilt.transpose(),
-            cross: known.cross - field_gain * by_tilt.transpose(),
+            state: known.state + gain * innovation.value,
+            covariance: known.covariance - gain * cross.transpose(),
         }
     }
 
     /// `None` while the direction of north is hardly known.
     fn innovation(&self, known: &FieldInFrame) -> Option<Innovation> {
-        let horizontal = known.field.xy();
+        let (field, covariance) = (known.field(), known.field_covariance());
+        let horizontal = field.xy();
         let length = horizontal.norm();
         if length < 1.0 {
             return None;
         }
         let along = horizontal / length;
         let across = Vector2::new(-along.y, along.x);
-        let own = known.field_covariance.fixed_view::<2, 2>(0, 0);
-        let variance = (across.transpose() * own * across)[0];
+        let own = covariance.fixed_view::<2, 2>(0, 0).into_owned();
+        let variance = variance_along(&own, &across);
         if variance > (DIRECTION_RAD * length).powi(2) {
             return None;
         }
-        let parts = parts(&known.field);
-        let covariance = parts * known.field_covariance * parts.transpose() + self.covariance();
+        let parts = parts(&field);
+        let covariance = parts * covariance * parts.transpose() + self.covariance();
         Some(Innovation {
             parts,
-            value: self.expected - parts * known.field,
+            value: self.expected - parts * field,
             inverse: covariance.try_inverse()?,
         })
     }

@@ -68,16 +68,17 @@ impl Estimate {
         let ahead = rival.filter.log_likelihood - self.active.log_likelihood;
         rival.lead += (ahead - rival.last_lead).clamp(-MOST_A_SAMPLE, MOST_A_SAMPLE);
         rival.last_lead = ahead;
-        let lead = rival.lead;
-        if lead > DECIDED {
-            self.active = rival.filter.clone();
+        let won = rival.lead > DECIDED;
+        let lost = rival.lead < -DECIDED || rival.moved_s > RIVAL_LASTS_S;
+        let Some(ended) = self.rival.take_if(|_| won || lost) else {
+            return;
+        };
+        if won {
+            self.active = ended.filter;
             // The proven filter has the old iron.
             self.proven = None;
-            self.rival = None;
             self.replaced = true;
             self.trial = IronTrial::default();
-        } else if lead < -DECIDED || rival.moved_s > RIVAL_LASTS_S {
-            self.rival = None;
         }
     }
 

@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::Estimate;
+use crate::frame::variance_along;
 use crate::reading::{EARTH_MGAUSS, STRONGEST_MGAUSS};
 
 /// The true strength certainly lies within this many deviations.
@@ -101,7 +102,7 @@ pub(super) fn horizontal(field: &Vector3<f64>) -> Vector3<f64> {
 /// Deviation of a field with this covariance along a vector; of a vector without length, that in all directions together.
 pub(super) fn sd_along(covariance: &Matrix3<f64>, vector: &Vector3<f64>) -> f64 {
     let variance = match vector.try_normalize(f64::MIN_POSITIVE) {
-        Some(along) => along.dot(&(covariance * along)),
+        Some(along) => variance_along(covariance, &along),
         None => covariance.trace(),
     };
     variance.sqrt()

@@ -52,7 +52,7 @@ impl Estimate {
                 }));
             }
         }
-        // Another filter's iron differs without having moved.
+        // The active filter was replaced: its iron differs, but nothing has moved.
         self.iron = IronWatch::default();
         self.lose_frame();
     }

@@ -23,7 +23,7 @@ const TOUCH_S: f64 = 3.0;
 /// Watches a still board for visits.
 #[derive(Default)]
 pub(super) struct VisitWatch {
-    /// Boxed: an `Option` of that size is copied at each sample even if it is empty, which costs as much as two thirds of the filter.
+    /// Boxed: an empty `Option` of this size is copied with each sample, at two thirds of the filter's cost.
     rest: Option<Box<Rest>>,
 }
 

@@ -2,11 +2,11 @@
 
 use nalgebra::Vector3;
 
-/// The board is at rest if for this long, seconds, …
+/// The board is at rest after this long, seconds, with a steady rate and a still field.
 const LASTING_S: f64 = 3.0;
-/// … the mean rate stays within this, rad/s (1 °/s), …
+/// A rate is steady while its mean stays within this, rad/s (1 °/s).
 const STEADY_RAD_S: f64 = 0.0175;
-/// … and the mean field within this share of it. A turn of 1.2 °/s moves it further at a dip of 70°.
+/// A field is still while its mean stays within this share of it. A turn of 1.2 °/s moves it further at a dip of 70°.
 const STILL_SHARE: f64 = 0.02;
 /// Time constant of the means, seconds. At 100 Hz they have less than a tenth of the noise.
 const MEAN_S: f64 = 0.5;

@@ -150,7 +150,7 @@ impl Pipeline {
 
     /// The estimate takes the result of a turn, or keeps what it knows where that is more certain.
     fn adopt(&mut self, outcome: &mut Outcome, calibration: &Calibration) {
-        // A fit that the gyro contradicts is off by as much, however small its residuals are.
+        // The disagreement with the gyro is added to the fit's deviation, however small its residuals are.
         let gyro_deg = GYRO_SHARE * outcome.gyro_rms_deg.unwrap_or(0.0);
         let measures = outcome.measures.as_ref();
         let rest = measures.and_then(|measures| measures.rest_share);

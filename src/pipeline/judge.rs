@@ -14,9 +14,9 @@ use crate::reading::{STRONGEST_MGAUSS, WEAKEST_MGAUSS};
 const CALM_S: f64 = 3.0;
 /// A rotation this far along is called a turn.
 const TURNING_FROM: f64 = 0.1;
-/// Progress is news when it has changed by this share of a turn …
+/// Progress is news when it has changed by this share.
 const PROGRESS_STEP: f64 = 0.05;
-/// … and this much later than the last news of it, seconds.
+/// Least time between two reports of progress, seconds.
 const PROGRESS_EVERY_S: f64 = 0.25;
 /// Largest share by which the strength may differ from the expected one. Beyond it the reason is `field_strength`, else
 /// `field_changed`.
@@ -124,7 +124,11 @@ impl Pipeline {
                     "; if that does not help, run headingd calibration mode on: in mode off nothing is learnt"
                 };
             }
-            return self.report_as(Condition::Degraded, "learning", message);
+            let share = self.setup.pipeline.good_sd_deg / self.sd_deg;
+            return Report {
+                progress: Some(share.clamp(0.0, 1.0)),
+                ..self.report_as(Condition::Degraded, "learning", message)
+            };
         }
         let message = "the field is as the estimate expects it";
         self.report_as(Condition::Good, "good", message)
@@ -149,7 +153,10 @@ impl Pipeline {
             let message = format!(
                 "keep turning the board the same way round: a full turn may take at most {limit_s:.0} s"
             );
-            return self.report_as(Condition::Turning, "turning", message);
+            return Report {
+                progress: Some(self.intake.turns.progress()),
+                ..self.report_as(Condition::Turning, "turning", message)
+            };
         }
         if let Some(Refusal { reason, message }) = &self.refused {
             let message = format!("the last attempt gave no calibration: {message}");
@@ -177,15 +184,7 @@ impl Pipeline {
             condition,
             reason,
             message: message.into(),
-            progress: match condition {
-                Condition::Turning => Some(self.intake.turns.progress()),
-                Condition::Uncalibrated => Some(self.learnt()),
-                Condition::Degraded if reason == "learning" => {
-                    let share = self.setup.pipeline.good_sd_deg / self.sd_deg;
-                    Some(share.clamp(0.0, 1.0))
-                }
-                _ => None,
-            },
+            progress: (condition == Condition::Uncalibrated).then(|| self.learnt()),
             t_s: self.times.now_s,
         }
     }

@@ -9,11 +9,11 @@ use crate::calibration::outcome::Outcome;
 use crate::calibration::verdict::{Bound, Limit, Refusal};
 use crate::estimate::UNKNOWN_SD_DEG;
 
-/// What is learnt is kept again when it has become so much more certain …
+/// What is learnt is kept again when its deviation falls below this share of the kept one's.
 const MORE_CERTAIN: f64 = 0.6;
-/// … or the hard iron has moved by so many of the deviations at which a heading still counts as good …
+/// It is also kept again when the hard iron has moved by this many of the deviations at which a heading still counts as good.
 const MOVED: f64 = 3.0;
-/// … and not more often than this, seconds.
+/// Least time before it is kept again, seconds.
 const KEEP_EVERY_S: f64 = 60.0;
 /// The gyro's bias is kept if its deviation on each axis is below this, rad/s (0.5°/s): half of what a start expects it to have changed by.
 const KNOWN_BIAS_RAD_S: f64 = 0.0087;
@@ -112,7 +112,7 @@ impl Pipeline {
         Some(self.with_biases(calibration))
     }
 
-    /// This calibration with the gyro's bias, if that is known, and what is taken out of the specific force.
+    /// This calibration with the gyro's bias, if that is known, and the accelerometer's.
     pub(super) fn with_biases(&self, calibration: Calibration) -> Calibration {
         Calibration {
             gyro_bias_deg_s: self.gyro_bias_deg_s(),

@@ -119,7 +119,7 @@ impl Pipeline {
         heading
     }
 
-    /// Gives the estimate a sample that was measured at `measured_s`, if it is new and the gyro knows the pose then. Returns the pose at
+    /// Gives the estimate a sample that was measured at `measured_s`, if it is new and the pose at that time is known. Returns the pose at
     /// `t_s`.
     fn feed_estimate(
         &mut self,

@@ -158,8 +158,8 @@ impl Survey {
         })
     }
 
-    /// What comes of the log: what the motion in it has taught, or what `calibrate` makes of its turns, of its rotation, or of all samples.
-    /// `None` if there are no gyro readings, and nothing else tells the plane.
+    /// Returns the log's outcome: the estimate learnt by motion, or `calibrate`'s result on its turns, its rotation or all samples. `None`
+    /// if there are no gyro readings, and nothing else tells the plane.
     pub fn conclude(self, calibrate: impl FnOnce(&Request) -> Outcome) -> Option<Outcome> {
         let mode = self.setup.calibration.mode;
         let needs_gyro = self.plane.is_none() && mode != ModeChoice::Spatial;

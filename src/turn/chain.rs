@@ -30,7 +30,7 @@ struct OpenLink {
     start_s: f64,
     turned: UnitQuaternion<f64>,
     earth: Option<Vector3<f64>>,
-    /// When and what half a link had been turned.
+    /// The time, and the two rotations by then, at which half a link had been turned.
     half: Option<(f64, UnitQuaternion<f64>, Option<Vector3<f64>>)>,
 }
 
@@ -118,8 +118,8 @@ impl Chain {
         self.span / self.full_turn_rad
     }
 
-    /// Takes a tick. `patience_rad`: the detector about the vertical, which trims the start more finely, is about to find a turn;
-    /// such a turn is left to it for this much more rotation.
+    /// Takes a tick. A turn that the detector about the vertical is about to complete is left to it for `patience_rad` more rotation: that
+    /// detector trims the start more precisely.
     pub(super) fn tick(&mut self, tick: &BoardMotion, patience_rad: f64) -> Option<Turn> {
         let oldest_s = tick.t_s - self.time_limit_s;
         if self.links.front().is_some_and(|l| l.start_s < oldest_s) {

@@ -17,11 +17,11 @@ const CREEP_RAD_S: f64 = 3.0 * PI / 180.0;
 const CREEP_S: f64 = 0.5;
 /// How far orientation may lag behind the integrated rate: bias at rest, levelling.
 const SLACK_RAD: f64 = 15.0 * PI / 180.0;
-/// A board that turned back by more than this has begun anew, radians: a hand that turns it wavers by less.
+/// Turning back by more than this, radians, starts a new turn; a hand wavers by less.
 const BACK_RAD: f64 = 10.0 * PI / 180.0;
-/// A board that turned on by so much of a turn is about to complete it, …
+/// A board that has turned on by this share of a turn is about to complete it.
 const HALF_MADE: f64 = 0.5;
-/// … unless it stands still for so long, seconds.
+/// A board that stands still for this long, seconds, is not about to complete a turn.
 const STOPPED_S: f64 = 1.0;
 /// A body tipped further than this from where it started has no heading to compare.
 const TIPPED_RAD: f64 = 90.0 * PI / 180.0;

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::window::Window;
 use super::{A, ARM, B, GyroErrors, M, N, U, V};
 use crate::attitude::follow;
-use crate::frame::rows;
+use crate::frame::{reset_variance, rows};
 
 /// Most that is taken out: the 6 % of an ITG-3200, and some drift with temperature. Larger errors are another fault.
 pub(super) const MOST_MATRIX: f64 = 0.07;
@@ -20,8 +20,9 @@ const SHRINKS_S: f64 = 60.0;
 /// A velocity lasts for this share of the time in which the acceleration makes it, within limits, seconds.
 const LASTS: f64 = 0.5;
 const LASTS_S: std::ops::RangeInclusive<f64> = 0.1..=30.0;
-/// A gyro at rest reads its bias, and an accelerometer gravity, within this over one second, rad/s and m/s²: the ITG-3200's
-/// noise of up to 0.38 °/s, its 0.1 °/s a g, and hands that are not quite at rest.
+/// A gyro at rest reads its bias, and an accelerometer gravity, within this over one second, rad/s (0.4 °/s) and m/s²: an ITG-3200's total
+/// noise of 0.38 °/s, though the mean over a second has less, its 0.1 °/s a g, and hands that are not quite at rest. The estimate has a
+/// smaller rate, see `estimate/filter/gyro_bias.rs`: with a larger one north drifts in hours of rest.
 const REST_RATE_RAD_S: f64 = 0.007;
 const REST_FORCE_M_S2: f64 = 0.1;
 /// Rest is still reported for a moment after a gentle start: the newest windows are held back.
@@ -50,7 +51,7 @@ impl GyroErrors {
         let by_bias = window.rotation_s * (self.felt_share() / dt);
         self.correct_sum((U, A), &by_bias, &(left / dt), REST_FORCE_M_S2.powi(2) / dt);
         self.velocity.fill(0.0);
-        self.reset_covariance(V, LEAST_SPEED_M_S);
+        reset_variance(&mut self.p, V..V + 3, LEAST_SPEED_M_S.powi(2));
     }
 
     /// The chips' velocity is R (ω × r), within those that this board has.

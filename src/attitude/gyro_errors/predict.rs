@@ -9,7 +9,8 @@ use crate::frame::{add_variance, put};
 
 /// The integral forgets over this time, seconds: a steady velocity is no acceleration.
 const LEAK_S: f64 = 30.0;
-/// Walk of the gyro's frame, rad/√s (0.03 °/√s, the noise density of an ITG-3200's data sheet).
+/// Walk of the gyro's frame, rad/√s (0.03 °/√s): the noise density in an ITG-3200's data sheet. The estimate (`estimate/filter/predict.rs`)
+/// takes a value between that and an MPU-6050's.
 const ANGLE_WALK_RAD: f64 = 0.000_5;
 /// The same for each radian turned: readings come up to 2 ms early or late.
 const TURN_WALK_RAD: f64 = 0.003;

@@ -121,7 +121,7 @@ fn a_board_that_stays_upright_does_not_take_its_sway_for_a_bias() {
 fn a_filter_that_is_surely_wrong_begins_anew() {
     let mut errors = new();
     errors.bias = Vector3::new(0.0, 0.0, 0.1);
-    errors.reset_covariance(B, 1e-4);
+    reset_variance(&mut errors.p, B..B + 3, 1e-8);
     let right = Vector3::new(0.01, -0.01, 0.02);
     let errors = learnt(errors, 180.0, right, Matrix3::zeros(), tumbling, shaken);
     let off = (errors.bias - right).norm();

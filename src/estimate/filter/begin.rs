@@ -2,15 +2,16 @@
 
 use nalgebra::{Matrix3, Matrix3x2, SMatrix, Vector3};
 
+use super::known::matrix_of;
 use super::{DISTURBED, Filter, Input, JITTER_S, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, H, M, N, Q, T};
-use crate::frame::{add_variance, angle_between_rad, put};
+use crate::frame::{add_variance, angle_between_rad, put, variance_along};
 
-/// A squared change of the field below this many variances is no change.
+/// A squared change of the field counts only beyond this many variances (two deviations).
 const LIKELY: f64 = 4.0;
 /// Before the board has turned this far, the field does not tell iron from north, radians.
 const BEGIN_RAD: f64 = 0.1;
-/// Share of the field by which iron may have changed beyond the disturbance that showed it: the filter may take part of a change for
+/// Added to the measured disturbance when iron is in doubt, as a share of the field: the filter may have taken part of the change for
 /// unevenness.
 const IRON_UNSEEN: f64 = 0.1;
 
@@ -33,8 +34,7 @@ impl Filter {
             self.first_attitude = None;
             return;
         }
-        let matrix = Matrix3::from_row_slice(about.fixed_rows::<9>(D).as_slice());
-        let Some(inverse) = (Matrix3::identity() + matrix).try_inverse() else {
+        let Some(inverse) = matrix_of(about).try_inverse() else {
             return;
         };
         let rate = input.turn_rate().cross_matrix();
@@ -43,12 +43,11 @@ impl Filter {
         let map = turn * inverse;
         let corrected = inverse * (input.field_mgauss - about.fixed_rows::<3>(B));
         let field = turn * corrected;
-        self.clear(H, 3);
-        self.clear(E, 2);
-        self.restart(M, self.unevenness2);
-        self.restart(Q, self.place2);
-        let tilt2 = input.board.tilt_error.whole_sd_rad.powi(2);
-        add_variance(&mut self.p, E..E + 2, tilt2);
+        let strength2 = self.strength_rms_mgauss.powi(2);
+        self.restart(H..H + 3, 0.0);
+        self.restart(E..E + 2, input.board.tilt_error.whole_sd_rad.powi(2));
+        self.restart(M..M + 3, self.unevenness2 * strength2);
+        self.restart(Q..Q + 3, self.place2 * strength2);
         // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m − q, where the lag is what `input.lag_s` leaves of it
         let mut jacobian = SMatrix::<f64, 3, N>::zeros();
         put(&mut jacobian, (0, B), &-map);
@@ -64,7 +63,7 @@ impl Filter {
         let mut cross = jacobian * self.p;
         let timed = by_time * by_time.transpose() * JITTER_S.powi(2);
         let mut own = cross * jacobian.transpose() + map * map.transpose() * self.noise2 + timed;
-        // Whatever has changed strength or dip may have turned the azimuth as well.
+        // A change of strength or dip means that the azimuth may have changed too.
         let strange2 = strange2(&(field, own), &before, vertical_known);
         for axis in 0..3 {
             self.p[(M + axis, M + axis)] += strange2;
@@ -93,36 +92,27 @@ impl Filter {
     pub fn doubt_iron(&mut self, disturbance_mgauss: f64) {
         let disturbance = disturbance_mgauss + IRON_UNSEEN * self.strength_rms_mgauss;
         self.unevenness2 = USUAL_UNEVENNESS.powi(2);
-        self.restart(M, self.unevenness2);
+        let variance = self.unevenness2 * self.strength_rms_mgauss.powi(2);
+        self.restart(M..M + 3, variance);
         add_variance(&mut self.p, B..B + 3, disturbance * disturbance);
     }
 
     /// How far the field's strength is from this one, milligauss, if no place explains that; else 0.
     fn differs_by_mgauss(&self, strength: f64) -> f64 {
         let field = self.vector(H);
-        let along = field.normalize();
-        let variance = along.dot(&(self.field_covariance() * along));
+        let variance = variance_along(&self.field_covariance(), &field.normalize());
         let off = (field.norm() - strength).abs();
         let usual2 = (DISTURBED * strength).powi(2) + LIKELY * variance;
         if off * off > usual2 { off } else { 0.0 }
     }
 
-    /// Resets three states, the unevenness or the place's offset, to 0 with this variance, a share of the field's square.
-    fn restart(&mut self, at: usize, variance: f64) {
-        self.clear(at, 3);
-        let variance = variance * self.strength_rms_mgauss.powi(2);
-        add_variance(&mut self.p, at..at + 3, variance);
-    }
-
-    /// Begins the state: at once from a calibration, else once the board has turned a little, with half of the field taken for iron. With
-    /// `fixed`, a calibration holds whatever the field's strength.
-    /// Returns whether the sample is still to be taken: not before the state has begun, nor if a calibration gave the field from it, since
-    /// no sample counts twice.
+    /// Begins the state. With a calibration it begins at once; otherwise once the board has turned by `BEGIN_RAD`, with half of the field
+    /// taken for iron. With `fixed`, a calibration holds whatever the field's strength. Returns whether the caller must still apply this
+    /// sample: no if the state has not begun, and no with a calibration, where the field comes from this sample and no sample counts twice.
     pub(super) fn begin(&mut self, input: &Input, fixed: bool) -> bool {
         let first = *self.first_attitude.get_or_insert(input.to_frame);
-        if self.calibrated {
+        if let Some(measured) = self.measured.take() {
             self.begun = true;
-            let measured = std::mem::take(&mut self.measured);
             // The field comes from the sample less the iron, and D multiplies it. So the iron is found first, and then all is linearised
             // about that.
             let mut found = self.clone();
@@ -162,18 +152,14 @@ fn strange2(now: &KnownField, before: &KnownField, vertical_known: bool) -> f64 
             let along = direction(field)
                 .try_normalize(1e-9)
                 .unwrap_or_else(Vector3::z);
-            (
-                along.dot(field),
-                (along.transpose() * covariance * along)[0],
-            )
+            (along.dot(field), variance_along(covariance, &along))
         });
         ((now.0 - before.0).powi(2) - LIKELY * (now.1 + before.1)).max(0.0)
     };
     if !vertical_known {
         return beyond(|field| *field);
     }
-    let horizontal = beyond(|field| Vector3::new(field.x, field.y, 0.0));
-    0.5 * (horizontal + beyond(|_| Vector3::z()))
+    0.5 * (beyond(|field| Vector3::new(field.x, field.y, 0.0)) + beyond(|_| Vector3::z()))
 }
 
 #[cfg(test)]
@@ -242,7 +228,7 @@ mod tests {
             let mut filter = filter.clone();
             filter.follow(&sample(100, field), true, false);
             let across = Vector3::z().cross(&filter.field()).normalize();
-            let variance = (across.transpose() * filter.field_covariance() * across)[0];
+            let variance = variance_along(&filter.field_covariance(), &across);
             (variance.sqrt() / filter.field().xy().norm()).to_degrees()
         };
         let same_deg = azimuth_sd_deg(earth);

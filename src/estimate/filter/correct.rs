@@ -13,19 +13,19 @@ const CONSISTENCY_S: f64 = 2.0;
 const CONSISTENCY_MOST: f64 = 50.0;
 /// Two odd innovations are alike if they differ by less than this share.
 const ALIKE: f64 = 0.5;
-/// The filter observes the tilt error mostly through the vertical field, so in the Jacobian the tilt error may correct the field only as
-/// far as the vertical field is known: by half if the deviation of the vertical field is this share of it, and not at all at the magnetic
-/// equator. Without this limit a car's first turns converge to a wrong vertical field and a tilt that matches it. With half the value
-/// a car that turns fast learns the vertical field too late to be sure of its heading.
+/// The filter observes the tilt error mainly through the vertical field. So the tilt error corrects the field in the Jacobian only as far
+/// as the vertical field is known: by half if its deviation is this share of it, and not at all at the magnetic equator. Without this limit
+/// a car's first turns converge to a wrong vertical field and a tilt that matches it. With half the value a car that turns fast learns the
+/// vertical field too late to be sure of its heading.
 const VERTICAL_KNOWN: f64 = 0.0625;
-/// A normalised innovation squared beyond this is no chance (3 degrees of freedom: 0.1 %).
+/// Gate on the normalised innovation squared: chance exceeds it in 0.1 % of samples (3 degrees of freedom).
 const GATE: f64 = 16.0;
 /// Smaller shares count as 0, which saves a sixth of the estimate's time once the field is known.
 const LEAST_HELD: f64 = 0.01;
 /// The states from b to G.
 const HELD: usize = S - B;
 
-/// The shares, 0 to 1, of a correction that are taken back.
+/// The share of a correction that each group of states does not receive, 0 to 1.
 pub(super) struct HeldBack {
     pub(super) iron: f64,
     pub(super) matrix: f64,
@@ -110,7 +110,7 @@ impl Filter {
         } else {
             self.odd = None;
         }
-        // On a still board a large innovation means that the surroundings have changed; it does not test what is known.
+        // On a still board a large innovation means that the surroundings have changed. It is no test of the parameters.
         if input.board.still {
             self.whiteness.interrupt();
         } else {
@@ -224,8 +224,8 @@ impl Filter {
         });
     }
 
-    /// Corrects the state, and takes back these shares of that: a partial-update Schmidt–Kalman filter (Brink, J. Guid. Control Dyn. 40,
-    /// 2017). Covariances take back the product of both shares.
+    /// Applies `correct`, then takes back these shares of it for the states from b to G: a partial-update Schmidt–Kalman filter (Brink, J.
+    /// Guid. Control Dyn. 40, 2017). Covariances take back the product of both shares.
     pub(super) fn correct_partly(&mut self, held: &HeldBack, correct: impl FnOnce(&mut Self)) {
         let held = held.shares();
         if held.iter().all(|&share| share == 0.0) {
@@ -248,9 +248,9 @@ impl Filter {
         }
     }
 
-    /// The share of a correction of D that is taken back: half if the field's relative deviation is D's initial one. The model multiplies D
-    /// by the field, and linearising it neglects the product of their errors. Without this, cars that pass before or in a car's first turn
-    /// teach a wrong D for good.
+    /// The share of a correction of D that is taken back: one half if the field's relative deviation equals `SCALE`, the initial deviation
+    /// of D. The model multiplies D by the field, and linearising it neglects the product of their errors. Without this, cars that pass
+    /// before or in a car's first turn teach a wrong D for good.
     fn matrix_held(&self) -> f64 {
         let unknown2 = self.trace(H, 3) / 3.0;
         share(unknown2, SCALE.powi(2) * self.vector(H).norm_squared())
@@ -281,10 +281,10 @@ mod tests {
     use crate::estimate::covariance::G;
     use crate::estimate::prior::Prior;
 
-    /// The variance of the gyro's bias after a sample, as a share of the variance before, where the field is known to this deviation, milligauss, and goes
-    /// with the bias about the vertical by nine tenths.
+    /// The variance of the gyro's bias after a sample, as a share of the variance before, where the field is known to this deviation,
+    /// milligauss, and goes with the bias about the vertical by nine tenths.
     fn bias_variance_left(field_sd: f64) -> f64 {
-        let mut filter = Filter::new(&Prior::unknown());
+        let mut filter = Filter::new(&Prior::unknown()).unsure_of_gyro();
         filter.vertical_known = true;
         let earth = Vector3::new(60.0, 190.0, -420.0);
         filter.x.fixed_rows_mut::<3>(H).copy_from(&earth);

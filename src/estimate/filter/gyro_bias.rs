@@ -8,15 +8,14 @@ use crate::attitude::GyroBias;
 use crate::estimate::covariance::{G, N, subtract};
 use crate::frame::{add_variance, put};
 
-/// A gyro at rest reads its bias within this over one second, rad/s (0.26°/s): several times the noise of an ITG-3200, since a boat that
-/// swings slowly may pass for resting. With less, a simulated boat at anchor takes its swing for bias; with more, north drifts
-/// further in hours of rest.
+/// A gyro at rest reads its bias within this over one second, rad/s (0.26°/s): several times the noise density of an ITG-3200, 0.03
+/// °/s/√Hz, since a boat that swings slowly may pass for resting. With less, a simulated boat at anchor takes its swing for bias; with
+/// more, north drifts further in hours of rest.
 const REST_RATE_RAD_S: f64 = 0.0045;
 
-/// The share of what the attitude learns of the bias that counts here. In simulation, the variance that the attitude states is right for
-/// a board that tumbles or is moved by hand, and 3 to 17 times too small for boats and cars, which sway as they turn. With a
-/// quarter, recorded headings near a magnet are off by 0.1° more; with all, by 0.2° less, but one resting board in twenty
-/// drifts by 0.3° more in 8 hours, beyond 3°.
+/// Weight of the attitude's information on the bias. In simulation, the variance that the attitude states is right for a board that tumbles
+/// or is moved by hand, and 3 to 17 times too small for boats and cars, which sway as they turn. With a quarter, recorded headings near a
+/// magnet are off by 0.1° more; with all, by 0.2° less, but one resting board in twenty drifts by 0.3° more in 8 hours, beyond 3°.
 const TAKEN: f64 = 0.4;
 
 /// What the attitude has learnt of the gyro's bias from one sample to another, body axes.
@@ -62,13 +61,21 @@ impl BiasLearnt {
         }
         learnt
     }
+
+    /// The same change without what was measured.
+    pub fn unmeasured(&self) -> Self {
+        Self {
+            information: Matrix3::zeros(),
+            ..*self
+        }
+    }
 }
 
 impl Filter {
     /// Follows the attitude's bias: what it takes out of the rates, whether it has begun anew, and what it doubts.
-    pub fn follow_gyro_bias(&mut self, learnt: &BiasLearnt) {
+    fn follow_gyro_bias(&mut self, learnt: &BiasLearnt) {
         if !self.begun || learnt.forgotten {
-            self.clear(G, 3);
+            self.restart(G..G + 3, 0.0);
             self.gyro_bias_walk.begin_window();
             put(&mut self.p, (G, G), &learnt.covariance);
             return;
@@ -82,20 +89,13 @@ impl Filter {
         }
     }
 
-    /// The bias of a filter that does not follow the samples walks as far as the attitude's.
-    pub fn walk_meanwhile(&mut self, learnt: &BiasLearnt) {
-        self.gyro_bias_walk.doubt(learnt.walked2);
-        add_variance(&mut self.p, G..G + 3, learnt.walked2);
-    }
-
-    /// Follows the attitude's bias while no samples are followed.
-    pub fn wait(&mut self, learnt: &BiasLearnt) {
-        self.walk_meanwhile(learnt);
-        self.follow_gyro_bias(learnt);
-    }
-
-    /// Follows the attitude's bias, and learns what the attitude has measured of it. With `fixed`, hard iron and matrix stay as they are.
-    pub fn learn_of_gyro_bias(&mut self, learnt: &BiasLearnt, fixed: bool) {
+    /// Follows the attitude's bias, and learns what the attitude has measured of it. With `walks`, which is for a filter that does not predict
+    /// meanwhile, the bias walks as far as the attitude's. With `fixed`, hard iron and matrix stay as they are.
+    pub fn take_gyro_bias(&mut self, learnt: &BiasLearnt, walks: bool, fixed: bool) {
+        if walks {
+            self.gyro_bias_walk.doubt(learnt.walked2);
+            add_variance(&mut self.p, G..G + 3, learnt.walked2);
+        }
         self.follow_gyro_bias(learnt);
         if !self.begun || learnt.information == Matrix3::zeros() {
             return;
@@ -145,7 +145,7 @@ mod tests {
         let iron = Vector3::new(90.0, -40.0, 150.0);
         let gyro_bias = Vector3::new(0.0, 0.0, 0.03);
         let learnt = |fixed: bool| {
-            let mut filter = Filter::new(&Prior::unknown());
+            let mut filter = Filter::new(&Prior::unknown()).unsure_of_gyro();
             let rate = Vector3::z() * 0.5;
             let mut to_frame = Matrix3::identity();
             for step in 0..100 {
@@ -176,7 +176,7 @@ mod tests {
     /// A filter that has begun, and knows what the attitude does of the gyro.
     fn begun_with(bias: &GyroBias) -> Filter {
         let mut filter = Filter::new(&Prior::unknown());
-        filter.learn_of_gyro_bias(&BiasLearnt::between(bias, bias, false), false);
+        filter.take_gyro_bias(&BiasLearnt::between(bias, bias, false), false, false);
         filter.begun = true;
         filter
     }
@@ -193,7 +193,7 @@ mod tests {
             ..before
         };
         let mut filter = begun_with(&before);
-        filter.learn_of_gyro_bias(&BiasLearnt::between(&before, &after, true), false);
+        filter.take_gyro_bias(&BiasLearnt::between(&before, &after, true), false, false);
         // The attitude's bias is the mean of what it had and of what it measured, each weighted by its information.
         let (had, gained) = (1.0 / 0.05f64.powi(2), 1.0 / 0.01f64.powi(2));
         let information = had + TAKEN * (gained - had);
@@ -209,7 +209,7 @@ mod tests {
             walked2,
             ..after
         };
-        filter.learn_of_gyro_bias(&BiasLearnt::between(&after, &walked, true), false);
+        filter.take_gyro_bias(&BiasLearnt::between(&after, &walked, true), false, false);
         let (still_left, same) = filter.gyro_bias();
         assert!((still_left - left).norm() < 1e-12 && (same - variance).norm() < 1e-12);
 
@@ -221,7 +221,7 @@ mod tests {
         };
         let doubts = BiasLearnt::between(&walked, &doubted, true);
         assert!(!doubts.forgotten);
-        filter.learn_of_gyro_bias(&doubts, false);
+        filter.take_gyro_bias(&doubts, false, false);
         let (still_left, more) = filter.gyro_bias();
         assert!((still_left - left).norm() < 1e-12);
         let expected = same.add_scalar(doubted2);
@@ -241,7 +241,7 @@ mod tests {
             ..GyroBias::default()
         };
         let mut filter = begun_with(&certain);
-        filter.learn_of_gyro_bias(&BiasLearnt::between(&certain, &anew, true), false);
+        filter.take_gyro_bias(&BiasLearnt::between(&certain, &anew, true), false, false);
         assert_eq!(
             filter.gyro_bias(),
             (Vector3::zeros(), anew.covariance.diagonal())
@@ -262,7 +262,7 @@ mod tests {
             covariance: bias.covariance * 0.01,
             ..bias
         };
-        filter.learn_of_gyro_bias(&BiasLearnt::between(&bias, &known, false), false);
+        filter.take_gyro_bias(&BiasLearnt::between(&bias, &known, false), false, false);
         assert_eq!(filter.gyro_bias().1, bias.covariance.diagonal());
     }
 }

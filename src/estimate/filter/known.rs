@@ -1,22 +1,18 @@
 //! What the filter knows, and how well.
 
-use nalgebra::{Matrix2, Matrix3, Matrix3x2, SMatrix, SymmetricEigen, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, SymmetricEigen, Vector3, Vector5};
 
-use super::{DISTURBED, Filter, USUAL_UNEVENNESS};
+use super::{DISTURBED, Filter, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, T};
-use crate::frame::{hypot, put};
+use crate::frame::{hypot, put, variance_along};
 
-/// The field in the frame, the frame's tilt error, and their covariances.
+/// The field in the frame, milligauss, then the frame's tilt error, radians: one block of the filter's state.
 pub struct FieldInFrame {
-    /// Milligauss.
-    pub field: Vector3<f64>,
-    /// A rotation vector in the frame, radians.
-    pub tilt_rad: Vector3<f64>,
-    pub field_covariance: Matrix3<f64>,
-    pub tilt_covariance: Matrix2<f64>,
-    /// Of the field with the tilt error.
-    pub cross: Matrix3x2<f64>,
+    pub state: SVector<f64, 5>,
+    pub covariance: SMatrix<f64, 5, 5>,
 }
+
+const _: () = assert!(E == H + 3);
 
 impl Filter {
     /// What is left of the gyro's bias, body axes, rad/s, and its variance on each axis.
@@ -38,11 +34,8 @@ impl Filter {
     /// The field in the frame with the tilt error, and how well both are known.
     pub fn field_in_frame(&self) -> FieldInFrame {
         FieldInFrame {
-            field: self.vector(H),
-            tilt_rad: self.tilt_rad(),
-            field_covariance: self.field_covariance(),
-            tilt_covariance: self.p.fixed_view::<2, 2>(E, E).into(),
-            cross: self.p.fixed_view::<3, 2>(H, E).into(),
+            state: self.x.fixed_rows::<5>(H).into(),
+            covariance: self.p.fixed_view::<5, 5>(H, H).into(),
         }
     }
 
@@ -58,7 +51,7 @@ impl Filter {
 
     /// D.
     pub fn matrix(&self) -> Matrix3<f64> {
-        Matrix3::identity() + Matrix3::from_row_slice(self.x.fixed_rows::<9>(D).as_slice())
+        matrix_of(&self.x)
     }
 
     /// Mean variance of the entries of D.
@@ -134,7 +127,7 @@ impl Filter {
         self.jumps_mgauss + self.odd_mgauss
     }
 
-    /// The least known direction of the hard iron, body axes: turning about an axis across it would teach most.
+    /// The least known direction of the hard iron, body axes. A rotation about any perpendicular axis would show most.
     pub fn least_known(&self) -> Vector3<f64> {
         let eigen = SymmetricEigen::new(self.bias_covariance());
         eigen.eigenvectors.column(eigen.eigenvalues.imax()).into()
@@ -164,14 +157,31 @@ impl Filter {
     }
 }
 
+/// D in this state.
+pub(super) fn matrix_of(state: &State) -> Matrix3<f64> {
+    Matrix3::identity() + Matrix3::from_row_slice(state.fixed_rows::<9>(D).as_slice())
+}
+
 impl FieldInFrame {
-    /// Variance of an angle that depends on the field in the frame and on its tilt error, as these slopes say.
+    /// Milligauss.
+    pub fn field(&self) -> Vector3<f64> {
+        self.state.fixed_rows::<3>(0).into()
+    }
+
+    /// Milligauss².
+    pub fn field_covariance(&self) -> Matrix3<f64> {
+        self.covariance.fixed_view::<3, 3>(0, 0).into()
+    }
+
+    /// A rotation vector in the frame.
+    pub fn tilt_rad(&self) -> Vector3<f64> {
+        Vector3::new(self.state[3], self.state[4], 0.0)
+    }
+
+    /// Variance of an angle that has these slopes by the field in the frame and by its tilt error.
     pub fn variance(&self, by_field: &Vector3<f64>, by_tilt: &Vector3<f64>) -> f64 {
-        let field = (by_field.transpose() * self.field_covariance * by_field)[0];
-        let tilt = by_tilt.xy();
-        field
-            + (tilt.transpose() * self.tilt_covariance * tilt)[0]
-            + 2.0 * (by_field.transpose() * self.cross * tilt)[0]
+        let slopes = Vector5::new(by_field.x, by_field.y, by_field.z, by_tilt.x, by_tilt.y);
+        variance_along(&self.covariance, &slopes)
     }
 }
 

@@ -6,17 +6,18 @@ use super::{
     DISTURBED, FORGET_MOVING_S, Filter, Input, PLACE_LASTS_S, SWING_RAD, USUAL_UNEVENNESS,
 };
 use crate::estimate::covariance::{B, D, E, G, H, M, Q, S, Transition};
-use crate::frame::{add_variance, angle_between_rad, put};
+use crate::frame::{add_variance, angle_between_rad, put, variance_along};
 use crate::reading::STRONGEST_MGAUSS;
 
-/// To second order the gyro's bias is drawn anew after this time, seconds. The term is small: any similar time will do.
+/// The second-order noise treats the gyro's bias as a new random value in each such period, seconds. The term is small, so the value is not
+/// critical.
 const BIAS_DRAWN_S: f64 = 1.0;
 /// Walk of the frame by a gyro's cross-axis errors, one standard deviation, radians per √rad turned. Gravity leaves part of a
 /// cross-axis error of 1 % (data sheets: 2 % at most), which turns the frame another way in each radian. With 0.0028 boards that turn
 /// fast are too sure, with 0.004 drones not sure enough.
 const GYRO_CROSS: f64 = 0.0035;
-/// Angle random walk of the frame, rad/√s (0.02 °/√s): data sheets state noise densities of 0.005 (MPU-6050) to 0.03 °/s/√Hz
-/// (ITG-3200).
+/// Angle random walk of the frame, rad/√s (0.02 °/√s): data sheets state noise densities of 0.005 (MPU-6050) to 0.03 °/s/√Hz (ITG-3200).
+/// The attitude (`attitude/gyro_errors/predict.rs`) takes the larger one.
 const ANGLE_WALK_RAD: f64 = 0.000_35;
 /// Share of that walk's variance which is left on a still board: its true turn is 0, so most of the gyro's noise is known.
 const STILL_WALK: f64 = 0.1;
@@ -24,24 +25,25 @@ const STILL_WALK: f64 = 0.1;
 /// stays for minutes.
 const FORGET_RAD: f64 = 0.52;
 const FORGET_STILL_S: f64 = 600.0;
-/// Uncertain iron may have absorbed some of the field's unevenness. While the board moves, the unevenness therefore counts as at least this
-/// fraction of the iron's deviation (both as shares of the field); this lower limit is at most `USUAL_UNEVENNESS`. At 0 a simulated car
-/// that others pass before its first turn learns wrong iron and is sure of it; at twice the value cars learn later, for nothing.
+/// Uncertain iron may have absorbed part of the unevenness. So in motion the unevenness is at least this fraction of the iron's deviation
+/// (both as shares of the field), but this floor never exceeds `USUAL_UNEVENNESS`. At 0 a simulated car that others pass before its first
+/// turn learns wrong iron and is sure of it; at twice the value cars learn later, for nothing.
 const IRON_HIDES: f64 = 0.3;
 /// Walk of the earth's field, share per √s, and of the hard iron, milligauss per √s: 1.2 % and 3 mG in an hour of motion, as the
 /// chip's gain and offset drift while it warms up. Half or twice as much changes no simulated family by more than a few per cent.
 const FIELD_WALK: f64 = 0.0002;
 const IRON_WALK_MGAUSS: f64 = 0.05;
-/// Model errors repeat with the attitude, so swinging to and fro does not average them out. As shares of the field, they are as large as
-/// the measured unevenness and tilt error, up to the unevenness of usual places. So iron and matrix walk by turning: the iron by this
-/// multiple of them per √rad. Without the tilt error a boat at anchor is falsely sure twice as often.
+/// Model errors repeat with the attitude, so swinging back and forth does not average them out. Their size, as a share of the field, is
+/// that of the measured unevenness and tilt error, limited to `USUAL_UNEVENNESS`. So iron and matrix walk by turning: the iron by this
+/// multiple of that size per √rad. Without the tilt error a boat at anchor is falsely sure twice as often.
 const IRON_TURN: f64 = 0.2;
-/// Walk of each entry of D per √rad, as a multiple of the same shares. Half or twice as much keeps the simulated families within their
+/// Walk of each entry of D per √rad, as a multiple of the same size. Half or twice as much keeps the simulated families within their
 /// limits.
 const MATRIX_TURN: f64 = 0.067;
 /// Mean square over the axes of what a tilt error makes of a field, as a share of both: it moves the field on two of three axes.
 const BY_TILT: f64 = 2.0 / 3.0;
-/// If a turning board finds the field unusually uneven, all of that variance is added to the hard iron, and this share of it to the field.
+/// Unusual unevenness on a turning board is probably new iron: its variance is added to the hard iron in full, and this share of it to the
+/// field.
 const FIELD_SHARE: f64 = 0.003;
 /// Only a rate above this moves that variance to the iron, rad/s (3°/s): a gyro's bias may be as much.
 const NO_TURN_RAD_S: f64 = 0.05;
@@ -132,7 +134,7 @@ impl Filter {
     }
 
     /// Covariance that the frame's walk adds to the field, which it turns: to first order by the field, to second order by its covariance.
-    /// To second order an uncertain gyro bias counts as a walk: as a bias that is drawn anew every `BIAS_DRAWN_S`.
+    /// To second order an uncertain gyro bias counts as a walk: as a new random value in each `BIAS_DRAWN_S`.
     fn frame_noise(
         &self,
         input: &Input,
@@ -149,8 +151,8 @@ impl Filter {
         let uncertain = self.field_covariance();
         let mut noise = Matrix3::zeros();
         for axis in axes {
-            let lever = input.to_frame.row(axis);
-            let drift = (lever * bias * lever.transpose())[0] * BIAS_DRAWN_S * dt;
+            let lever = input.to_frame.row(axis).transpose();
+            let drift = variance_along(&bias, &lever) * BIAS_DRAWN_S * dt;
             let cross = Vector3::ith(axis, 1.0).cross_matrix();
             let turned = h * h.transpose() * walk + uncertain * (walk + drift);
             noise += cross * turned * cross.transpose();
@@ -172,12 +174,8 @@ impl Filter {
         let dt = input.period_s;
         let unusual = self.unusual_unevenness2();
         let rate = input.turn_rate().norm();
-        let moved_iron = if unusual > 0.0 {
-            let turned = 1.0 - (-2.0 * (rate - NO_TURN_RAD_S).max(0.0) * dt / FORGET_RAD).exp();
-            unusual * turned * strength2
-        } else {
-            0.0
-        };
+        let turned = 1.0 - (-2.0 * (rate - NO_TURN_RAD_S).max(0.0) * dt / FORGET_RAD).exp();
+        let moved_iron = unusual * turned * strength2;
         let by_tilt2 = BY_TILT * input.board.tilt_error.whole_sd_rad.powi(2);
         let left_out2 = (self.unevenness2 + by_tilt2).min(USUAL_UNEVENNESS.powi(2));
         let moving_s = if input.board.still { 0.0 } else { dt };
@@ -223,8 +221,8 @@ impl Filter {
         }
     }
 
-    /// How far the board has turned since the sample before, radians. A still board turns in steps of `SWING_RAD`: less is noise, which
-    /// would add up.
+    /// How far the board has turned since the sample before, radians. On a still board rotation counts in steps of `SWING_RAD`; otherwise
+    /// the gyro's noise would add up.
     fn turned_since_last(&mut self, input: &Input) -> f64 {
         if !input.board.still {
             self.last_attitude = input.to_frame;

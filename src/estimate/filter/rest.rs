@@ -14,9 +14,9 @@ const MEAN_S: f64 = 120.0;
 const LEAST_WINDOWS: f64 = 3.0;
 /// Least noise density of a gyro, rad/√s (0.005 °/s/√Hz): the best data sheet, the MPU-6050's.
 const LEAST_NOISE: f64 = 0.000_087;
-/// The filter states the bias of a resting gyro with more doubt than the gyro's noise causes, to leave room for a swing. So
-/// only this share of the bias's variance explains what the averaged rate differs by. At 1 a boat at anchor loses its heading; at
-/// 0.2 the field's noise, which reaches the bias, passes for motion of a board on a table.
+/// The filter states the bias of a resting gyro with more doubt than the gyro's noise causes, to leave room for a swing. So only this share
+/// of the bias's variance counts as an explanation of the averaged rate's offset. At 1 a boat at anchor loses its heading; at 0.2 the
+/// field's noise, which reaches the bias, passes for motion of a board on a table.
 const BIAS_SHARE: f64 = 0.5;
 
 /// Watches a gyro while the board rests.

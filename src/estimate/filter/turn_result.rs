@@ -3,7 +3,7 @@
 use super::{Filter, Input, State, USUAL_UNEVENNESS};
 use crate::estimate::covariance::{B, D, H};
 use crate::estimate::prior::Measured;
-use crate::frame::put;
+use crate::frame::{put, variance_along};
 
 impl Filter {
     /// Replaces the parameters that a turn has measured. The filter has already used these samples, so it first forgets what it knew of
@@ -28,8 +28,7 @@ impl Filter {
 
     /// Variance of what a turn has measured, as far as it is known here.
     pub fn variance_of(&self, measured: &Measured) -> f64 {
-        let jacobian = self.jacobian_of(measured);
-        jacobian.dot(&(self.p * jacobian))
+        variance_along(&self.p, &self.jacobian_of(measured))
     }
 
     fn jacobian_of(&self, measured: &Measured) -> State {

@@ -5,13 +5,14 @@ use nalgebra::{Matrix3, SMatrix, Vector3};
 use super::{Filter, Input};
 use crate::estimate::covariance::{M, N, Q, subtract};
 
-/// Least white noise of a sample, milligauss; an HMC5883L's data sheet has 2.
+/// Least white noise of a sample, milligauss: somewhat less than the 2 of an HMC5883L's data sheet.
 pub(super) const LEAST_NOISE_MGAUSS: f64 = 1.5;
 /// The noise is measured over this time, seconds.
 const NOISE_TAU_S: f64 = 2.0;
 /// Largest weight of one sample in the measured noise, for long periods.
 const NOISE_GAIN: f64 = 0.5;
-/// Largest squared step that counts as noise, as a multiple of the noise variance.
+/// Largest squared step that counts as noise, as a multiple of the noise variance: chance exceeds it in 0.4 % of steps (3 degrees of
+/// freedom).
 const NOISE_STEP2: f64 = 4.5;
 /// Least unevenness of the field, as a share of it.
 const LEAST_UNEVENNESS: f64 = 0.004;

@@ -11,15 +11,16 @@ use crate::frame::signed_axes;
 
 /// How many moments are remembered, most of them of 9°.
 const MEMORY: f64 = 30.0;
-/// Fewer moments say nothing: accelerations fit some order by chance.
+/// Fewer moments give no verdict: by chance, accelerations fit one of the 48 orders and signs.
 const LEAST_MOMENTS: f64 = 12.0;
-/// The configured axes are right if their residual is below this share of any other's, and wrong if another's is below this share of theirs
-/// and of their opposite's. The best of the others leave no less than 1/3.6 of what the right ones leave, in a million moments of simulated
-/// boards, most of them in a hand.
+/// The configured axes are right if their residual is below this share of the best other's, and wrong if the best other's is below this
+/// share of theirs and of their opposite's. In a million simulated moments, most of them handheld, wrong axes never left less than 1/3.6 of
+/// what the right ones left.
 const TELLS: f64 = 0.25;
 /// Axes are believed only if they leave less than this share of the squared change. A drone's force stays upright: wrong axes that predict
 /// little fit it best.
 const MOST_RESIDUAL: f64 = 0.8;
+
 /// What gravity says of the axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum AxesVerdict {

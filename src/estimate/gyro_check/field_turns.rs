@@ -1,7 +1,7 @@
 //! A field that turns all the way round, again and again, while the gyro does not.
 //!
 //! A gyro whose rad/s are taken for degrees, or one that reads noise, predicts next to nothing. On a level board gravity does not move
-//! either, so that `gyro_check` has no second witness, and a magnet beside the board may cause any single change. But a magnet does not
+//! either, so that `gyro_check` has no second reference, and a magnet beside the board may cause any single change. But a magnet does not
 //! go round the board three times the same way. The field goes round the middle of what was seen, so that iron on the board does not
 //! matter.
 

@@ -49,9 +49,8 @@ const SCATTER: f64 = 0.01;
 /// Least share of the information on s that must be left when the iron is found from the same moments. An arc of 100° leaves a
 /// quarter; a shorter one does not tell a scale from iron.
 const LEFT: f64 = 0.25;
-/// The same for the first headings, before the gyro has been shown to be right. That takes four moments: three count as 2.93, since older
-/// ones are forgotten. Even on a level board four have more components than there are unknowns. The scale must then be off by more
-/// deviations.
+/// The same for the first headings, before the gyro has been shown to be right. That takes four moments: with forgetting, three count as
+/// 2.93. Four moments determine the four unknowns even on a level board. The scale must then be off by more deviations.
 const FIRST_MOMENTS: f64 = 3.0;
 const FIRST_LEFT: f64 = 0.1;
 const FIRST_DEVIATIONS: f64 = 2.0;
@@ -194,8 +193,8 @@ impl GyroScale {
         self.moment = None;
     }
 
-    /// Iron may have come or gone, or the gyro may have changed: what was seen before has nothing to do with what follows. Fewer than
-    /// `LEAST_MOMENTS` are kept: if the gyro reads a quarter of the true rate, each turn looks like iron that has changed.
+    /// Discards the moments, unless there are fewer than `LEAST_MOMENTS`: iron may have come or gone, or the gyro may have changed. If the
+    /// gyro reads a quarter of the true rate, each turn looks like iron that has changed.
     pub(super) fn begin_anew(&mut self) {
         if self.moments >= LEAST_MOMENTS {
             *self = Self::default();

@@ -50,6 +50,7 @@ impl Shaking {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::attitude::GRAVITY_M_S2;
 
     const DT: f64 = 0.01;
 
@@ -60,8 +61,8 @@ mod tests {
         let believed = (0..1000).filter(|&step| {
             let phase = frequency * f64::from(step) * DT;
             let (angle, rate) = (swing_rad * phase.sin(), swing_rad * frequency * phase.cos());
-            let along = -angle * frequency.powi(2) * lever_m / 9.81;
-            let across = rate.powi(2) * lever_m / 9.81;
+            let along = -angle * frequency.powi(2) * lever_m / GRAVITY_M_S2;
+            let across = rate.powi(2) * lever_m / GRAVITY_M_S2;
             let up = Vector3::new(angle.sin() + along, 0.0, angle.cos() + across);
             assert!((up.norm() - 1.0).abs() < LENGTH);
             shaking.take(&up, &(Vector3::y() * rate), DT)

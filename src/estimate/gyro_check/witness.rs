@@ -15,7 +15,8 @@ const MEMORY: f64 = 0.15;
 const ENOUGH: f64 = 0.6;
 /// Where the squares of what the gyro predicts are below this share of those of what is seen, a third in rotation, it has not turned.
 const ALONE: f64 = 0.1;
-/// From this correlation on, a gyro that was at fault explains the vector again. Wrong axes reach 0.8, by chance or by a filter that was misled.
+/// A gyro that was at fault agrees with the vector once the correlation reaches this. Wrong axes reach 0.8, by chance or by a filter that
+/// was misled.
 const AGREES: f64 = 0.9;
 /// Readings of the gyro that are the same to the last bit are no measurement if the squared changes meanwhile add up to this: two
 /// moments, in a level turn of 41° at a dip of 65°.
@@ -98,13 +99,16 @@ impl Witness {
         change: Vector3<f64>,
         period_s: f64,
     ) -> VectorChange {
+        let first = self.moment.is_none();
         let moment = self.moment.get_or_insert(Moment {
             age_s: 0.0,
             start: now,
-            predicted: -change,
+            predicted: Vector3::zeros(),
         });
         moment.age_s += period_s;
-        moment.predicted += change;
+        if !first {
+            moment.predicted += change;
+        }
         let (seen, predicted) = (now - moment.start, moment.predicted);
         let larger = seen.norm().max(predicted.norm());
         let change = VectorChange {

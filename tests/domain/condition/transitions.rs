@@ -257,8 +257,8 @@ const SCENARIOS: &[Scenario] = &[
         b.with_field = true;
         b.rest(5.0);
     }),
-    ("the source is in trouble", good, |b| b.tell(trouble())),
-    ("the trouble is over", || {
+    ("the source fails", good, |b| b.tell(trouble())),
+    ("the fault ends", || {
         let mut board = good();
         board.tell(trouble());
         board
@@ -311,7 +311,7 @@ fn every_row_of_the_table_is_so_and_none_is_missing() {
         let (word, code) = board.state();
         let code_right = match reason {
             "the refusal's" => board.verdict().1,
-            "the trouble's" => "unplugged",
+            "the fault's code" => "unplugged",
             reason => reason.trim_matches('`'),
         };
         if (word, code) != (to, code_right) {

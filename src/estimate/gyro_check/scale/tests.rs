@@ -40,7 +40,7 @@ impl TurnedBoard {
         });
         Self {
             regression: GyroScale::default(),
-            filter,
+            filter: filter.unsure_of_gyro(),
             attitudes: [Rotation3::identity()].into(),
             iron_mgauss: Vector3::new(900.0, -600.0, 900.0),
             soft,
