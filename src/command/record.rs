@@ -31,7 +31,7 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let config = config_file::load(args.config.as_deref())?;
+    let config = config_file::load_for_client(args.config.as_deref())?;
     let replayed = config.source.kind == Some(Kind::Replay);
     let log = replayed.then_some(config.source.log.as_path());
     overwrite::refuse(&args.out, log, args.config.as_deref(), &config)?;

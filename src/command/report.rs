@@ -58,7 +58,10 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let config = config_file::load(args.config.as_deref())?;
+    let config = match args.log {
+        Some(_) => config_file::load(args.config.as_deref())?,
+        None => config_file::load_for_client(args.config.as_deref())?,
+    };
     overwrite::refuse(
         &args.out,
         args.log.as_deref(),
