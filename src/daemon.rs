@@ -6,7 +6,6 @@
 
 mod batch;
 mod calibrator;
-
 mod events;
 mod inactivity;
 mod mounting;

@@ -108,7 +108,7 @@ pub struct Estimate {
     /// One for each axis of the magnetometer and one for the gyro, set when it begins to repeat a number: the axis may be saturated, and
     /// the gyro may hang. Boxed: dropping an empty `Option` of 25 kB copies as much, four times a sample.
     checkpoints: [Option<Box<Checkpoint>>; 4],
-    /// Whether the gyro has repeated its reading at rest.
+    /// Whether the gyro repeats its reading at rest, as one without noise does.
     gyro_noiseless: bool,
     iron: IronWatch,
     visit: VisitWatch,
@@ -188,10 +188,10 @@ impl Estimate {
         let previous = self.last.replace(*sample).unwrap_or(*sample);
         let input = self.input(sample, &previous);
         let period_s = input.period_s;
-        let lost = std::mem::take(&mut self.lost)
-            || sample.motion.pose.frame_id != previous.motion.pose.frame_id
-            || sample.t_s - previous.t_s > MOST_PERIOD_S;
-        if self.take_back_hung_gyro(sample, lost) {
+        let another_frame = std::mem::take(&mut self.lost)
+            || sample.motion.pose.frame_id != previous.motion.pose.frame_id;
+        let lost = another_frame || sample.t_s - previous.t_s > MOST_PERIOD_S;
+        if self.take_back_hung_gyro(sample, another_frame) {
             // The attitude has followed the hung gyro.
             self.gyro_recovered = true;
             return self.lose_frame();

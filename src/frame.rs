@@ -295,7 +295,7 @@ pub const NO_HEADING: f64 = 0.17;
 
 /// Unit vectors over a horizontal plane with this `down`: where body X points, and right of it. `None` within 10° of the
 /// vertical.
-pub fn horizontal(down: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
+fn horizontal(down: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>)> {
     let forward = Unit::try_new(Vector3::x() - down * down.x, NO_HEADING)?;
     Some((*forward, down.cross(&forward)))
 }

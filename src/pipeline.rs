@@ -27,7 +27,7 @@ use crate::check::{Fault, settings};
 use crate::condition::{Condition, Report, SourceFault};
 use crate::estimate::{Estimate, Sample, UNKNOWN_SD_DEG};
 use crate::frame::Mountings;
-use crate::frozen::{ACCELEROMETER, Frozen, FrozenWatch};
+use crate::frozen::{Frozen, FrozenWatch};
 use crate::heading::Heading;
 use crate::reading::Reading;
 use crate::true_north::EarthField;
@@ -179,7 +179,7 @@ pub struct Pipeline {
     sd_deg: f64,
     /// Whether body X was within 10° of the vertical at the newest sample: it has no heading.
     nose_vertical: bool,
-    /// Whether the estimate's rival is the turn of a calibration that was asked for: it is tried in mode `off`, too.
+    /// Whether a turn that was asked for is the estimate's rival, or has won and is not kept yet: it is tried in mode `off`, too.
     asked_for: bool,
     seq: u64,
 }
@@ -348,9 +348,8 @@ impl Pipeline {
                 RunState::Saturated => self.estimate.go_back(axis),
             }
         }
-        let misled = self.frozen == Some(ACCELEROMETER);
         self.frozen = self.frozen_watch.take(reading, &self.setup.mountings);
-        if misled && self.frozen != Some(ACCELEROMETER) {
+        if self.frozen_watch.take_accelerometer_resumed() {
             self.renew_attitude();
         }
         self.readings_s = Some((first_s, reading.t_s));

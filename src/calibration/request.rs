@@ -17,7 +17,7 @@ const RESTING_RAD: f64 = 0.01;
 const REST_S: f64 = 0.5;
 /// Rest is looked for in the last seconds before the turn: the gyro has hardly drifted since.
 const REST_BEFORE_S: f64 = 5.0;
-/// The two samples of a rest are not further apart, seconds: at 1 Hz a sample is missing between them.
+/// The two samples of a rest are not further apart, seconds: a gap tells nothing of rest.
 const MOST_APART_S: f64 = 2.0;
 
 /// One magnetometer sample, as a calibration sees it.
@@ -85,7 +85,8 @@ pub fn last_rest<'a>(
         .collect();
     let begin_of_rest = |last: &&FieldSample| {
         let first = (recent.iter()).find(|first| last.t_s - first.t_s >= REST_S)?;
-        rests_between(first, last).then_some(**first)
+        let near = last.t_s - first.t_s < MOST_APART_S;
+        (near && rests_between(first, last)).then_some(**first)
     };
     let earliest_first = recent.iter().rev().copied();
     let mut rest = earliest_first

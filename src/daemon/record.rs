@@ -24,14 +24,14 @@ const PATIENCE: Duration = Duration::from_secs(1);
 pub struct Recording {
     kind: Option<Kind>,
     origin: ReadingsFrom,
-    /// Holds the socket if it cannot be where it is configured. Dropped, it is removed.
+    /// Holds the socket if it cannot be where it is configured. Dropping it removes the folder.
     folder: Option<TempDir>,
 }
 
 impl Recording {
-    /// Finds the readings: those of the service on the configuration's socket, or else of the configuration's source. Of the
-    /// source headings are served meanwhile, as by the daemon: on a socket in a temporary folder if that of the configuration
-    /// cannot be bound. Without a source a service must be there.
+    /// Finds the readings: those of the service on the configuration's socket, or else of the configuration's source. In the second case it
+    /// serves headings as the daemon does; if the configured socket cannot be bound, on one in a temporary folder. Without a source a
+    /// service must be there.
     pub async fn open(config: &Config) -> Result<Self, DaemonError> {
         // One recording is enough. It needs no calibrations, and the store belongs to the service.
         let mut config = Config {
@@ -77,7 +77,7 @@ impl Recording {
         };
         // A recording needs no control socket, and another daemon may have it.
         let control = super::control(&config, &mut sockets).unwrap_or_else(|error| {
-            tracing::warn!("{error}");
+            tracing::warn!("recording without a control socket: {error}");
             None
         });
         let daemon = Daemon::serving_on(source, server, control, &config, sockets)?;

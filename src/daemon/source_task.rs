@@ -33,7 +33,7 @@ const WAITING_MESSAGES: usize = 64;
 /// How long to wait for a source that hangs in a read; then it is left to the end of the process.
 const PATIENCE: Duration = Duration::from_millis(200);
 
-/// Readings of a log or a simulation that are later than this, seconds, are not caught up on: the machine was suspended.
+/// Waiting that takes longer than it should by this, seconds, is not caught up on: the machine was suspended.
 const MOST_LATE_S: f64 = 1.0;
 
 /// A source that is open, and from its start to its stop at work.
@@ -290,13 +290,16 @@ fn play(
             }
         }
         let now_s = clock.now_s();
-        let due_s = |(begun_s, first_s): (f64, f64)| begun_s + (reading.t_s - first_s) / speed;
+        let (begun_s, first_s) = *origin.get_or_insert((now_s, reading.t_s));
         // Each due time is counted from the first, so that sleeping too long never adds up.
-        let kept = origin.filter(|&origin| now_s - due_s(origin) < MOST_LATE_S);
-        let counted_from = *origin.insert(kept.unwrap_or((now_s, reading.t_s)));
-        if !clock.wait_until(due_s(counted_from))
-            || !out(SourceEvent::Reading(reading, Instant::now()))
-        {
+        let due_s = begun_s + (reading.t_s - first_s) / speed;
+        if !clock.wait_until(due_s) {
+            return None;
+        }
+        if clock.now_s() - due_s.max(now_s) > MOST_LATE_S {
+            origin = None;
+        }
+        if !out(SourceEvent::Reading(reading, Instant::now())) {
             return None;
         }
     }

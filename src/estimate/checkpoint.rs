@@ -13,6 +13,9 @@ const GYRO: usize = 3;
 /// A gyro that repeats its reading for longer than usual by this, seconds, may hang: ten readings at 100 Hz, which noise does not repeat.
 const HANGS_S: f64 = 0.1;
 
+/// A gyro that repeats its reading for this long at rest, while the field stands still, has no noise, seconds.
+const NOISELESS_S: f64 = 0.5;
+
 /// What was known at a sample.
 pub(super) struct Checkpoint {
     active: Filter,
@@ -24,11 +27,11 @@ pub(super) struct Checkpoint {
 }
 
 impl Estimate {
-    /// Keeps what is known now, since the next samples of this magnetometer axis may turn out to be no measurements. An earlier checkpoint
-    /// of the axis stays.
-    pub fn set_checkpoint(&mut self, axis: usize) {
-        if let (None, Some(sample)) = (&self.checkpoints[axis], self.last) {
-            self.checkpoints[axis] = Some(Box::new(Checkpoint {
+    /// Keeps what is known now, since what follows of this axis of the magnetometer, or of the gyro, may turn out to be no measurement. An
+    /// earlier checkpoint of the same stays.
+    pub fn set_checkpoint(&mut self, place: usize) {
+        if let (None, Some(sample)) = (&self.checkpoints[place], self.last) {
+            self.checkpoints[place] = Some(Box::new(Checkpoint {
                 active: self.active.clone(),
                 rival: self.rival.clone(),
                 proven: self.proven.clone(),
@@ -39,22 +42,21 @@ impl Estimate {
         }
     }
 
-    /// Drops the checkpoint of this axis: its samples count as measurements.
-    pub fn drop_checkpoint(&mut self, axis: usize) {
-        self.checkpoints[axis] = None;
+    /// Drops this checkpoint: what followed counts as measured.
+    pub fn drop_checkpoint(&mut self, place: usize) {
+        self.checkpoints[place] = None;
     }
 
-    /// The samples of this axis since its checkpoint were no measurements: goes back to what was known before them.
-    pub fn go_back(&mut self, axis: usize) {
-        let (Some(mut kept), Some(last)) = (self.checkpoints[axis].take(), self.last) else {
+    /// What followed this checkpoint was not measured: goes back to what was known before.
+    pub fn go_back(&mut self, place: usize) {
+        let (Some(mut kept), Some(last)) = (self.checkpoints[place].take(), self.last) else {
             return;
         };
         let meanwhile = self.input(&last, &kept.sample);
-        let learnt = BiasLearnt::between(
-            &kept.sample.board.gyro_bias,
-            &last.board.gyro_bias,
-            !last.board.still,
-        );
+        // What a hung gyro shows of its bias is no measurement.
+        let measured = place != GYRO && !last.board.still;
+        let (before, after) = (&kept.sample.board.gyro_bias, &last.board.gyro_bias);
+        let learnt = BiasLearnt::between(before, after, measured);
         let rival = kept.rival.as_mut().map(|rival| &mut rival.filter);
         for filter in [&mut kept.active].into_iter().chain(rival) {
             filter.take_gyro_bias(&learnt, false, self.parameters_fixed);
@@ -66,15 +68,18 @@ impl Estimate {
         self.active = kept.active;
         self.rival = kept.rival;
         self.proven = kept.proven;
-        if kept.gyro.fault().is_none() {
-            self.suspended = None;
+        // What speaks against a hung gyro stays.
+        if place != GYRO {
+            if kept.gyro.fault().is_none() {
+                self.suspended = None;
+            }
+            self.gyro = kept.gyro;
         }
-        self.gyro = kept.gyro;
         self.gyro.lose_frame();
         self.iron = kept.iron;
         self.trial = IronTrial::default();
         self.visit = VisitWatch::default();
-        // Later checkpoints of other axes contain the bad samples, so they are set anew.
+        // Later checkpoints contain the bad samples, so they are set anew.
         for other in 0..self.checkpoints.len() {
             let kept_s = self.checkpoints[other].as_ref().map(|one| one.sample.t_s);
             if kept_s.is_some_and(|kept_s| kept_s > kept.sample.t_s) {
@@ -89,7 +94,8 @@ impl Estimate {
     pub(super) fn watch_for_hung_gyro(&mut self, sample: &Sample) {
         let constant_s = sample.board.gyro_constant_s;
         self.gyro_noiseless |= sample.board.still && constant_s > MOST_PERIOD_S;
-        if sample.board.still && self.gyro_noiseless {
+        let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
+        if at_fault || sample.board.still && self.gyro_noiseless {
             self.drop_checkpoint(GYRO);
         } else if constant_s > HANGS_S {
             self.set_checkpoint(GYRO);
@@ -97,10 +103,10 @@ impl Estimate {
     }
 
     /// Whether the gyro hung until this sample, which is the newest: its reading has changed after it was repeated, and the rotation that it
-    /// claimed meanwhile does not explain the field. Then what it taught is taken back.
+    /// claimed meanwhile does not explain the field. Then what it taught is taken back. In `another_frame` that rotation is unknown.
     ///
     /// A gyro without noise repeats its reading in an even rotation, too; then the field agrees.
-    pub(super) fn take_back_hung_gyro(&mut self, sample: &Sample, lost: bool) -> bool {
+    pub(super) fn take_back_hung_gyro(&mut self, sample: &Sample, another_frame: bool) -> bool {
         let over = sample.board.gyro_constant_s <= HANGS_S;
         let Some(kept) = self.checkpoints[GYRO].as_ref().filter(|_| over) else {
             return false;
@@ -109,23 +115,32 @@ impl Estimate {
         meanwhile.rate_rad_s = meanwhile.turned_rad / meanwhile.period_s;
         let mut filter = kept.active.clone();
         filter.pass(&meanwhile, true);
-        let hung = lost || filter.begun && filter.is_odd(&meanwhile);
+        let hung = !another_frame && filter.begun && filter.is_odd(&meanwhile);
         if hung {
             self.gyro_bias = Some(sample.board.gyro_bias);
             self.go_back(GYRO);
         } else {
-            self.gyro_noiseless |= kept.sample.board.still;
+            let lasted = sample.t_s - kept.sample.t_s > NOISELESS_S;
+            self.gyro_noiseless |= filter.begun && kept.sample.board.still && lasted;
             self.drop_checkpoint(GYRO);
         }
         hung
     }
 
-    /// The gyro is at fault: takes back what it has taught while it repeated its reading. Returns whether it does.
+    /// The gyro is at fault. If it has repeated its reading, what it taught meanwhile is taken back. Returns whether that was so.
     pub(super) fn forget_hung_gyro(&mut self) -> bool {
-        let Some(kept) = self.checkpoints[GYRO].take() else {
+        let (Some(kept), Some(last)) = (self.checkpoints[GYRO].take(), self.last) else {
             return false;
         };
-        self.active = kept.active;
+        let (before, after) = (&kept.sample.board.gyro_bias, &last.board.gyro_bias);
+        let learnt = BiasLearnt::between(before, after, false);
+        (self.active, self.proven) = (kept.active, kept.proven);
+        for filter in [Some(&mut self.active), self.proven.as_mut()]
+            .into_iter()
+            .flatten()
+        {
+            filter.take_gyro_bias(&learnt, true, true);
+        }
         true
     }
 

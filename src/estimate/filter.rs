@@ -142,6 +142,8 @@ pub(super) struct Filter {
     pub(super) begun: bool,
     /// Time in motion without a disturbance since this frame began, summed, seconds.
     pub(super) undisturbed_s: f64,
+    /// Strength of the field in which its calibration was made, milligauss, until there is a field to compare.
+    made_in_mgauss: Option<f64>,
     /// Orientation at the first sample, body to frame.
     first_attitude: Option<Matrix3<f64>>,
     /// Whether the frame's Z is known to point up.
@@ -208,6 +210,7 @@ impl Filter {
             p,
             begun: false,
             undisturbed_s: 0.0,
+            made_in_mgauss: prior.made_in_mgauss,
             first_attitude: None,
             vertical_known: false,
             strength_rms_mgauss: prior.strength_mgauss.unwrap_or(FIELD_MGAUSS),

@@ -55,7 +55,10 @@ pub(super) struct Prior {
     /// D, its trace 3.
     pub(super) matrix: Matrix3<f64>,
     pub(super) covariance: ParameterCovariance,
+    /// That of a calibration which states a covariance.
     pub(super) strength_mgauss: Option<f64>,
+    /// Strength of the field in which a spatial calibration was made.
+    pub(super) made_in_mgauss: Option<f64>,
     /// White noise of a sample at first, milligauss.
     pub(super) noise_mgauss: f64,
     /// Told to the filter once it has a field.
@@ -85,6 +88,7 @@ impl Prior {
             matrix: Matrix3::identity(),
             covariance,
             strength_mgauss: None,
+            made_in_mgauss: None,
             noise_mgauss: NOISE_MGAUSS,
             measured: Vec::new(),
         }
@@ -94,6 +98,8 @@ impl Prior {
     pub(super) fn of(calibration: &Calibration, mounting: &Mounting) -> Self {
         let unknown = Self {
             noise_mgauss: calibration.residual_mgauss,
+            made_in_mgauss: matches!(calibration.parameters, Parameters::Spatial(_))
+                .then_some(calibration.strength_mgauss),
             ..Self::unknown()
         };
         // Only the estimate states a covariance, and its calibrations are spatial.

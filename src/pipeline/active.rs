@@ -1,4 +1,4 @@
-//! Which calibration is active, and whether another is wanted: outcomes, and what people order.
+//! Which calibration is active, and whether another is wanted: outcomes, and what people ask for.
 
 use super::intake::expect_force_bias;
 use super::learn::Learning;
@@ -57,7 +57,7 @@ impl Pipeline {
     /// Gives up what [`Pipeline::start`] asked for, and a calibration under way.
     pub(super) fn cancel(&mut self, actions: &mut Vec<Action>) {
         self.forget_motion();
-        self.armed = false;
+        (self.armed, self.asked_for) = (false, false);
         self.refresh(actions);
     }
 
@@ -107,6 +107,7 @@ impl Pipeline {
     pub(super) fn forget_learning(&mut self, calibration: Option<Calibration>) {
         self.learning = Learning::new(calibration);
         self.strength_deviation = 0.0;
+        self.asked_for = false;
         self.sd_deg = UNKNOWN_SD_DEG;
     }
 
@@ -130,7 +131,8 @@ impl Pipeline {
                 (Verdict::Accepted, Some(calibration)) => {
                     outcome.calibration = Some(self.with_biases(calibration));
                     self.adopt(&mut outcome, &calibration);
-                    self.asked_for = job.origin == CalibrationOrigin::Start;
+                    let on_trial = outcome.verdict == Verdict::Kept;
+                    self.asked_for = on_trial && job.origin == CalibrationOrigin::Start;
                     self.refused = None;
                 }
                 (verdict, _) => {

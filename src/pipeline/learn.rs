@@ -6,6 +6,7 @@ use super::judge::wrong_strength;
 use super::{Action, Pipeline};
 use crate::calibration::model::{Calibration, Parameters};
 use crate::calibration::outcome::Outcome;
+use crate::calibration::policy::CalibrationOrigin;
 use crate::calibration::verdict::{Bound, Limit, Refusal};
 use crate::estimate::UNKNOWN_SD_DEG;
 
@@ -150,6 +151,9 @@ impl Pipeline {
     pub(super) fn conclude_motion(&mut self, due: bool, actions: &mut Vec<Action>) {
         let sd_deg = self.estimate.north_sd_deg();
         let replaced = self.estimate.take_replaced();
+        // The trial of a turn that was asked for is over, and what was known is better.
+        let lost = !replaced && self.learning.last_sd_deg != Some(f64::INFINITY);
+        self.asked_for &= self.estimate.has_rival() || !lost;
         let good_sd_deg = self.setup.pipeline.good_sd_deg;
         let good = self.is_known_within(good_sd_deg);
         let last_sd_deg = self.learning.last_sd_deg;
@@ -166,13 +170,15 @@ impl Pipeline {
             }
             return;
         }
-        let Some(origin) = self.wanted() else {
+        let won = self.asked_for && !self.estimate.has_rival();
+        let asked_for = won.then_some(CalibrationOrigin::Start);
+        let Some(origin) = self.wanted().or(asked_for) else {
             return;
         };
         let Some(outcome) = self.keep_what_is_known() else {
             return;
         };
-        self.armed = false;
+        (self.armed, self.asked_for) = (false, false);
         self.refused = None;
         actions.push(Action::Conclude(Box::new(outcome), origin));
     }

@@ -4,9 +4,10 @@ use nalgebra::Vector3;
 
 use super::{Action, Pipeline};
 use crate::attitude::Pose;
+use crate::calibration::model::Calibration;
 use crate::condition::Condition;
 use crate::estimate::{EstimatedHeading, Sample, UNKNOWN_SD_DEG};
-use crate::frame::{dip_deg, heading_deg, horizontal, pitch_and_roll_deg};
+use crate::frame::{dip_deg, heading_deg, pitch_and_roll_deg};
 use crate::heading::{Heading, MagStatus};
 use crate::reading::HELD_S;
 
@@ -15,6 +16,9 @@ const STRENGTH_S: f64 = 0.5;
 /// A sample is not used if the held rate may have missed more rotation than this, radians: with a hand's changes, that is 70 ms after the
 /// gyro's last reading.
 const MOST_HELD_RAD: f64 = 0.02;
+
+/// Sine of a pitch from which the lack of a heading is due to the pitch: 70°, where 80° is the limit, since the tilt has an error.
+const STEEP: f64 = 0.94;
 
 /// What a whole field tells.
 struct FoundHeading {
@@ -70,7 +74,8 @@ impl Pipeline {
         let instantaneous = self.estimate.heading_of_sample(raw, level, rate_rad_s);
         let best = if pose.is_some() { fused } else { instantaneous };
         self.sd_deg = best.map_or(UNKNOWN_SD_DEG, |best| best.sd_deg);
-        self.nose_vertical = level.is_some_and(|(down, _)| horizontal(&down).is_none());
+        let steep = level.is_some_and(|(down, _)| down.x.abs() > STEEP);
+        self.nose_vertical = best.is_none() && steep;
         let possible =
             self.estimate.impossible_strength_mgauss().is_none() && self.axes_are_right();
         let most_sd_deg = self.setup.pipeline.publish_sd_deg;
@@ -172,9 +177,13 @@ impl Pipeline {
         Some(pose)
     }
 
-    /// The attitude has followed a gyro or an accelerometer that did not measure: it has learnt a wrong bias or tilt.
+    /// Begins attitude and turns anew, after a gyro or an accelerometer that did not measure has misled them.
     pub(super) fn renew_attitude(&mut self) {
-        let calibration = self.calibration();
+        // What was taken for a bias of the specific force is wrong.
+        let calibration = self.calibration().map(|calibration| Calibration {
+            accel_bias_m_s2: None,
+            ..calibration
+        });
         self.intake
             .renew_attitude(&self.setup, calibration.as_ref());
         self.completed.clear();

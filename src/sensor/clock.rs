@@ -28,6 +28,11 @@ pub(super) fn since_boot() -> Duration {
     Duration::new(now.tv_sec as u64, now.tv_nsec as u32)
 }
 
+/// Seconds since then, by the same clock.
+pub(super) fn elapsed_s(since: Duration) -> f64 {
+    since_boot().saturating_sub(since).as_secs_f64()
+}
+
 /// The system's clock, which never goes back.
 #[derive(Clone, Debug)]
 pub struct SystemClock {
@@ -47,7 +52,7 @@ impl SystemClock {
 
 impl Clock for SystemClock {
     fn now_s(&self) -> f64 {
-        (since_boot() - self.origin).as_secs_f64()
+        elapsed_s(self.origin)
     }
 
     fn wait_until(&mut self, t_s: f64) -> bool {

@@ -118,12 +118,12 @@ impl Filter {
             let mut found = self.clone();
             found.restart_frame(input);
             found.learn_all(&measured);
-            let strength = self.strength_rms_mgauss;
             self.restart_frame_about(input, &found.x);
             self.learn_all(&measured);
-            let off = self.differs_by_mgauss(strength);
+            let made_in = self.made_in_mgauss.take();
+            let off = made_in.map_or(0.0, |strength| self.differs_by_mgauss(strength));
             if off > 0.0 && !fixed {
-                // Iron may have come or gone since the calibration was kept.
+                // Iron may have come or gone since the calibration was made.
                 self.doubt_iron(off);
                 self.restart_frame(input);
             }

@@ -73,7 +73,7 @@ pub fn identify(
 fn other(bus: &mut dyn Bus, clock: &mut dyn Clock, wanted: &'static str) -> Option<ChipError> {
     let found = MAGNETOMETERS
         .iter()
-        .find(|driver| (driver.identify)(bus, clock, Some(driver.chips[0])).is_ok());
+        .find(|driver| answers(driver, bus, clock));
     let (address, found, help) = match found {
         Some(driver) => (
             driver.address(),
@@ -97,6 +97,11 @@ fn other(bus: &mut dyn Bus, clock: &mut dyn Clock, wanted: &'static str) -> Opti
     })
 }
 
+/// Whether a chip of this driver answers. Only its identity is read.
+fn answers(driver: &Driver, bus: &mut dyn Bus, clock: &mut dyn Clock) -> bool {
+    (driver.identify)(bus, clock, Some(driver.chips[0])).is_ok()
+}
+
 /// Address and name of the first magnetometer that headingd cannot read.
 fn unsupported(bus: &mut dyn Bus) -> Option<(u8, &'static str)> {
     let found = UNSUPPORTED
@@ -108,10 +113,8 @@ fn unsupported(bus: &mut dyn Bus) -> Option<(u8, &'static str)> {
 /// The name of the chip that answers at an address, or "unknown".
 pub fn name(bus: &mut dyn Bus, clock: &mut dyn Clock, address: u8) -> &'static str {
     let mut magnetometers = MAGNETOMETERS.iter();
-    let magnetometer = magnetometers.find(|driver| {
-        let chip = Some(driver.chips[0]);
-        driver.address() == address && (driver.identify)(bus, clock, chip).is_ok()
-    });
+    let magnetometer =
+        magnetometers.find(|driver| driver.address() == address && answers(driver, bus, clock));
     if let Some(driver) = magnetometer {
         return driver.name;
     }

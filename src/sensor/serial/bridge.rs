@@ -17,7 +17,7 @@ use super::settings::{Protocol, Settings};
 use crate::condition::SourceFault;
 use crate::frame::Mountings;
 use crate::sensor::SourceEvent;
-use crate::sensor::clock::since_boot;
+use crate::sensor::clock::{elapsed_s, since_boot};
 
 /// Interval at which `stop` is checked.
 const LOOK: Duration = Duration::from_millis(50);
@@ -141,7 +141,7 @@ impl Bridge {
         let away_s = now_s - self.looked_s;
         self.looked_s = now_s;
         if away_s > AWAY_S {
-            session.frames.resume();
+            session.resume(away_s);
         }
         match read {
             None => None,
@@ -225,6 +225,6 @@ impl Bridge {
     }
 
     fn now_s(&self) -> f64 {
-        (since_boot() - self.origin).as_secs_f64()
+        elapsed_s(self.origin)
     }
 }

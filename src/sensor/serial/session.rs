@@ -76,6 +76,14 @@ impl PortSession {
         }
     }
 
+    /// The port was not read for this long, seconds: the machine was suspended, or the process stopped. The device was not silent.
+    pub(super) fn resume(&mut self, away_s: f64) {
+        self.frames.resume();
+        for last_s in [&mut self.heard_s, &mut self.good_s, &mut self.field_s] {
+            *last_s += away_s;
+        }
+    }
+
     /// Takes bytes that have arrived at this time: the readings that they complete, and `None` where the readings that
     /// follow were sent in other units or axes.
     pub(super) fn bytes(

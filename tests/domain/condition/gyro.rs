@@ -236,6 +236,7 @@ fn a_gyro_that_hangs_for_a_moment_leaves_no_wrong_north() {
             let off_deg = board.error_deg().map_or(0.0, f64::abs);
             assert!(off_deg < 5.0, "{hangs_s} s: {off_deg}");
         }
+        assert!(board.error_deg().is_some(), "{hangs_s} s");
         board.tumble();
         assert!(board.error_deg().unwrap().abs() < 3.0, "{hangs_s} s");
     }
@@ -271,7 +272,7 @@ fn a_gyro_that_was_dead_on_a_level_board_leaves_no_wrong_bias_behind() {
 
 /// Its last value levels the frame as if the board lay as it did.
 #[test]
-fn an_accelerometer_that_hangs_while_the_board_is_moved_is_a_fault_that_leaves_no_wrong_tilt() {
+fn an_accelerometer_that_hangs_while_the_board_is_moved_is_a_fault_that_leaves_no_wrong_heading() {
     let mut board = Board::new(None);
     let (mut held, mut named) = (None, false);
     for mut reading in carried(120.0, swinging, |_, rate| rate) {

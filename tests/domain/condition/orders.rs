@@ -8,7 +8,7 @@ use headingd::pipeline::Event;
 use nalgebra::Vector3;
 
 use super::board::{Board, planar, spatial};
-use crate::common::{BIAS, apart_deg};
+use crate::common::{BIAS, EARTH, apart_deg, calibration};
 
 /// More than a full turn, less than two.
 const A_TURN_DEG: f64 = 365.0;
@@ -499,4 +499,29 @@ fn a_board_that_is_mounted_otherwise_keeps_its_accelerometer() {
     assert_ne!(board.state().1, "no_accelerometer");
     board.rest(2.0);
     assert_eq!(board.state(), ("degraded", "no_accelerometer"));
+}
+
+#[test]
+fn a_kept_calibration_is_in_doubt_where_the_field_has_another_strength_until_the_board_moves() {
+    let at_rest = |share: f64, iron_came: Vector3<f64>| {
+        let Parameters::Spatial(made) = spatial(0.0).parameters else {
+            unreachable!()
+        };
+        let made = calibration(Parameters::Spatial(made), share * EARTH.norm(), 1.2, 0.05);
+        let mut board = Board::new(Some(made));
+        board.earth_mgauss *= share;
+        board.bias_mgauss += iron_came;
+        board.rest(5.0);
+        board
+    };
+    for share in [0.7, 1.0, 1.2] {
+        let off_deg = at_rest(share, Vector3::zeros()).error_deg();
+        assert!(off_deg.is_some_and(|deg| deg.abs() < 3.0), "{share}");
+    }
+    let mut board = at_rest(1.0, Vector3::new(100.0, -100.0, 100.0));
+    assert_eq!(board.error_deg(), None);
+    assert_eq!(board.state(), ("degraded", "learning"));
+    board.tumble();
+    board.tumble();
+    assert!(board.error_deg().unwrap().abs() < 3.0);
 }
