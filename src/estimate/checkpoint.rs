@@ -94,8 +94,7 @@ impl Estimate {
     pub(super) fn watch_for_hung_gyro(&mut self, sample: &Sample) {
         let constant_s = sample.board.gyro_constant_s;
         self.gyro_noiseless |= sample.board.still && constant_s > MOST_PERIOD_S;
-        let at_fault = self.gyro.fault().is_some() || self.suspended.is_some();
-        if at_fault || sample.board.still && self.gyro_noiseless {
+        if sample.board.still && self.gyro_noiseless {
             self.drop_checkpoint(GYRO);
         } else if constant_s > HANGS_S {
             self.set_checkpoint(GYRO);
