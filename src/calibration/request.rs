@@ -83,7 +83,7 @@ pub fn last_rest<'a>(
     let recent: Vec<&FieldSample> = backwards
         .take_while(within(REST_BEFORE_S + MOST_APART_S))
         .collect();
-    let begin_of_rest = |last: &&FieldSample| {
+    let begin_of_rest = |last: &FieldSample| {
         let first = (recent.iter()).find(|first| last.t_s - first.t_s >= REST_S)?;
         let near = last.t_s - first.t_s < MOST_APART_S;
         (near && rests_between(first, last)).then_some(**first)
@@ -91,7 +91,7 @@ pub fn last_rest<'a>(
     let earliest_first = recent.iter().rev().copied();
     let mut rest = earliest_first
         .filter(within(REST_BEFORE_S))
-        .find_map(|last| begin_of_rest(&last))?;
+        .find_map(begin_of_rest)?;
     let lasts = rest.t_s..=rest.t_s + REST_S;
     for axis in 0..3 {
         let resting = recent.iter().filter(|sample| lasts.contains(&sample.t_s));

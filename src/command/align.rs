@@ -88,8 +88,8 @@ fn as_text(found: &Alignment) -> String {
         (_, AccelerometerReads::Force) => "",
         (_, AccelerometerReads::Gravity) => {
             "# The accelerometer reads gravity, where others read force; or the log is from south of the magnetic equator (--south), or one\n\
-             # axis of the magnetometer is mirrored: such logs look the same. Check these lines: of a board that lies level, face up,\n\
-             # the roll must be near 0, and the heading must grow as the board turns to the right.\n"
+             # axis of the magnetometer is mirrored: such logs look the same. To check these lines, hold the board level, face up: roll\n\
+             # must be near 0, and the heading must grow as the board turns to the right.\n"
         }
         (_, AccelerometerReads::Unknown) if found.mag.is_none() => {
             "# The log has no magnetometer: whether the accelerometer reads force or gravity is not known, and force is assumed.\n"

@@ -25,7 +25,7 @@ pub struct Recording {
     kind: Option<Kind>,
     origin: ReadingsFrom,
     /// Holds the socket if it cannot be where it is configured. Dropping it removes the folder.
-    folder: Option<TempDir>,
+    _folder: Option<TempDir>,
 }
 
 impl Recording {
@@ -46,7 +46,7 @@ impl Recording {
                 return Ok(Self {
                     kind,
                     origin: ReadingsFrom::Service(Box::new(client)),
-                    folder: None,
+                    _folder: None,
                 });
             }
             Err(service) if service.connected => return Err(service.into()),
@@ -84,7 +84,7 @@ impl Recording {
         Ok(Self {
             kind,
             origin: ReadingsFrom::Daemon(Box::new(daemon)),
-            folder,
+            _folder: folder,
         })
     }
 
@@ -119,7 +119,6 @@ impl Recording {
             }
             ReadingsFrom::Service(client) => from_service(*client, recorder, stop).await,
         };
-        drop(self.folder);
         let end = match early {
             Some(end) => end,
             None => timeout(PATIENCE, ending).await.unwrap_or_else(|_| {

@@ -8,11 +8,10 @@ use super::rival::IronTrial;
 use super::visit::VisitWatch;
 use super::{Estimate, MOST_PERIOD_S, Rival, Sample};
 
-/// The place of the gyro's checkpoint, after those of the magnetometer's three axes.
+/// Index of the gyro's checkpoint, after those of the magnetometer's three axes.
 const GYRO: usize = 3;
 /// A gyro that repeats its reading for longer than usual by this, seconds, may hang: ten readings at 100 Hz, which noise does not repeat.
 const HANGS_S: f64 = 0.1;
-
 /// A gyro that repeats its reading for this long at rest, while the field stands still, has no noise, seconds.
 const NOISELESS_S: f64 = 0.5;
 
@@ -29,9 +28,9 @@ pub(super) struct Checkpoint {
 impl Estimate {
     /// Keeps what is known now, since what follows of this axis of the magnetometer, or of the gyro, may turn out to be no measurement. An
     /// earlier checkpoint of the same stays.
-    pub fn set_checkpoint(&mut self, place: usize) {
-        if let (None, Some(sample)) = (&self.checkpoints[place], self.last) {
-            self.checkpoints[place] = Some(Box::new(Checkpoint {
+    pub fn set_checkpoint(&mut self, index: usize) {
+        if let (None, Some(sample)) = (&self.checkpoints[index], self.last) {
+            self.checkpoints[index] = Some(Box::new(Checkpoint {
                 active: self.active.clone(),
                 rival: self.rival.clone(),
                 proven: self.proven.clone(),
@@ -43,18 +42,18 @@ impl Estimate {
     }
 
     /// Drops this checkpoint: what followed counts as measured.
-    pub fn drop_checkpoint(&mut self, place: usize) {
-        self.checkpoints[place] = None;
+    pub fn drop_checkpoint(&mut self, index: usize) {
+        self.checkpoints[index] = None;
     }
 
     /// What followed this checkpoint was not measured: goes back to what was known before.
-    pub fn go_back(&mut self, place: usize) {
-        let (Some(mut kept), Some(last)) = (self.checkpoints[place].take(), self.last) else {
+    pub fn go_back(&mut self, index: usize) {
+        let (Some(mut kept), Some(last)) = (self.checkpoints[index].take(), self.last) else {
             return;
         };
         let meanwhile = self.input(&last, &kept.sample);
         // What a hung gyro shows of its bias is no measurement.
-        let measured = place != GYRO && !last.board.still;
+        let measured = index != GYRO && !last.board.still;
         let (before, after) = (&kept.sample.board.gyro_bias, &last.board.gyro_bias);
         let learnt = BiasLearnt::between(before, after, measured);
         let rival = kept.rival.as_mut().map(|rival| &mut rival.filter);
@@ -69,7 +68,7 @@ impl Estimate {
         self.rival = kept.rival;
         self.proven = kept.proven;
         // What speaks against a hung gyro stays.
-        if place != GYRO {
+        if index != GYRO {
             if kept.gyro.fault().is_none() {
                 self.suspended = None;
             }
@@ -89,8 +88,7 @@ impl Estimate {
         }
     }
 
-    /// Sets a checkpoint while the gyro repeats its reading, unless it is one without noise, which repeats its reading at rest. Called before
-    /// a sample is taken.
+    /// Sets the gyro's checkpoint once it repeats its reading; not at rest, if the gyro has no noise. Called before a sample is taken.
     pub(super) fn watch_for_hung_gyro(&mut self, sample: &Sample) {
         let constant_s = sample.board.gyro_constant_s;
         self.gyro_noiseless |= sample.board.still && constant_s > MOST_PERIOD_S;

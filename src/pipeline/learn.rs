@@ -151,9 +151,9 @@ impl Pipeline {
     pub(super) fn conclude_motion(&mut self, due: bool, actions: &mut Vec<Action>) {
         let sd_deg = self.estimate.north_sd_deg();
         let replaced = self.estimate.take_replaced();
-        // The trial of a turn that was asked for is over, and what was known is better.
-        let lost = !replaced && self.learning.last_sd_deg != Some(f64::INFINITY);
-        self.asked_for &= self.estimate.has_rival() || !lost;
+        let to_be_saved = replaced || self.learning.last_sd_deg == Some(f64::INFINITY);
+        // A turn that was asked for has lost its trial once there is neither a rival nor a new estimate.
+        self.asked_for &= to_be_saved || self.estimate.has_rival();
         let good_sd_deg = self.setup.pipeline.good_sd_deg;
         let good = self.is_known_within(good_sd_deg);
         let last_sd_deg = self.learning.last_sd_deg;

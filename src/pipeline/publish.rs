@@ -17,7 +17,8 @@ const STRENGTH_S: f64 = 0.5;
 /// gyro's last reading.
 const MOST_HELD_RAD: f64 = 0.02;
 
-/// Sine of a pitch from which the lack of a heading is due to the pitch: 70°, where 80° is the limit, since the tilt has an error.
+/// If there is no heading, a pitch beyond this sine (70°) is the reason. Headings end at 80°, of a tilt that the estimate corrects by some
+/// degrees.
 const STEEP: f64 = 0.94;
 
 /// What a whole field tells.

@@ -43,11 +43,10 @@ impl Filter {
         let map = turn * inverse;
         let corrected = inverse * (input.field_mgauss - about.fixed_rows::<3>(B));
         let field = turn * corrected;
-        let strength2 = self.strength_rms_mgauss.powi(2);
         self.restart(H..H + 3, 0.0);
         self.restart(E..E + 2, input.board.tilt_error.whole_sd_rad.powi(2));
-        self.restart(M..M + 3, self.unevenness2 * strength2);
-        self.restart(Q..Q + 3, self.place2 * strength2);
+        self.restart_offset(M, self.unevenness2);
+        self.restart_offset(Q, self.place2);
         // h = R (I − [ω]× lag) D⁻¹ (y − b) − ε × h − m − q, where the lag is what `input.lag_s` leaves of it
         let mut jacobian = SMatrix::<f64, 3, N>::zeros();
         put(&mut jacobian, (0, B), &-map);
@@ -92,9 +91,14 @@ impl Filter {
     pub fn doubt_iron(&mut self, disturbance_mgauss: f64) {
         let disturbance = disturbance_mgauss + IRON_UNSEEN * self.strength_rms_mgauss;
         self.unevenness2 = USUAL_UNEVENNESS.powi(2);
-        let variance = self.unevenness2 * self.strength_rms_mgauss.powi(2);
-        self.restart(M..M + 3, variance);
+        self.restart_offset(M, self.unevenness2);
         add_variance(&mut self.p, B..B + 3, disturbance * disturbance);
+    }
+
+    /// Resets the unevenness or the place's offset to 0 with this variance, a share of the field's square.
+    fn restart_offset(&mut self, at: usize, share2: f64) {
+        let variance = share2 * self.strength_rms_mgauss.powi(2);
+        self.restart(at..at + 3, variance);
     }
 
     /// How far the field's strength is from this one, milligauss, if no place explains that; else 0.

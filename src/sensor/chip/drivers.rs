@@ -81,10 +81,10 @@ fn other(bus: &mut dyn Bus, clock: &mut dyn Clock, wanted: &'static str) -> Opti
             "set i2c.magnetometer = \"auto\"",
         ),
         None => {
-            let (address, name) = unsupported(bus)?;
+            let (address, _, name) = UNSUPPORTED.iter().find(|chip| is_there(bus, chip))?;
             (
-                address,
-                name,
+                *address,
+                *name,
                 "headingd does not support it: get a board with an HMC5883L or a QMC5883L",
             )
         }
@@ -102,12 +102,9 @@ fn answers(driver: &Driver, bus: &mut dyn Bus, clock: &mut dyn Clock) -> bool {
     (driver.identify)(bus, clock, Some(driver.chips[0])).is_ok()
 }
 
-/// Address and name of the first magnetometer that headingd cannot read.
-fn unsupported(bus: &mut dyn Bus) -> Option<(u8, &'static str)> {
-    let found = UNSUPPORTED
-        .iter()
-        .find(|(address, identity, _)| read_byte(bus, *address, 0) == Ok(*identity));
-    found.map(|(address, _, name)| (*address, *name))
+/// Whether this magnetometer, which headingd cannot read, answers.
+fn is_there(bus: &mut dyn Bus, (address, identity, _): &(u8, u8, &str)) -> bool {
+    read_byte(bus, *address, 0) == Ok(*identity)
 }
 
 /// The name of the chip that answers at an address, or "unknown".
@@ -118,7 +115,8 @@ pub fn name(bus: &mut dyn Bus, clock: &mut dyn Clock, address: u8) -> &'static s
     if let Some(driver) = magnetometer {
         return driver.name;
     }
-    if let Some((_, name)) = unsupported(bus).filter(|chip| chip.0 == address) {
+    let mut unsupported = UNSUPPORTED.iter();
+    if let Some((_, _, name)) = unsupported.find(|chip| chip.0 == address && is_there(bus, chip)) {
         return name;
     }
     let (gyros, accels) = companions(Companions::Auto, address, address);
