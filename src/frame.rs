@@ -9,20 +9,20 @@ use serde::{Deserialize, Serialize};
 
 /// How a chip's axes lie in the body frame: `body = matrix · chip`.
 ///
-/// Written as three signed chip axes, those that point along body X, Y and Z (`"+x -y -z"`), or as nine
-/// numbers, the matrix row by row. A mirrored mounting (determinant −1) is allowed: some parts
-/// count one axis the other way round, or report gravity in place of specific force.
+/// Written as three signed chip axes, those that point along body X, Y and Z (`"+x -y -z"`), or as nine numbers, the matrix row by row. A
+/// mirrored mounting (determinant −1) is allowed: some parts count one axis the other way round, or report gravity in place of specific force.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Mounting {
+    /// As it is written.
     matrix: Matrix3<f64>,
+    /// The orthogonal matrix nearest to it.
+    rotation: Matrix3<f64>,
 }
 
 impl Default for Mounting {
     fn default() -> Self {
-        Self {
-            matrix: Matrix3::identity(),
-        }
+        Self::of(Matrix3::identity())
     }
 }
 
@@ -30,24 +30,34 @@ impl Mounting {
     /// The mounting with this matrix (`body = matrix · chip`), if it is orthogonal within 0.01: people write two decimals.
     pub fn from_matrix(matrix: Matrix3<f64>) -> Option<Self> {
         let error = (matrix * matrix.transpose() - Matrix3::identity()).norm();
-        (error < 0.01).then_some(Self { matrix })
+        (error < 0.01).then(|| Self::of(matrix))
+    }
+
+    fn of(matrix: Matrix3<f64>) -> Self {
+        // Newton's iteration for the polar factor: each step squares the error, and none changes a bit of signed axes.
+        let nearer = |near: Matrix3<f64>, _| {
+            let inverse = near.try_inverse().unwrap_or_else(|| near.transpose());
+            0.5 * (near + inverse.transpose())
+        };
+        Self {
+            matrix,
+            rotation: (0..4).fold(matrix, nearer),
+        }
     }
 
     /// A vector in chip axes, seen in the body frame.
     pub fn to_body(&self, chip: Vector3<f64>) -> Vector3<f64> {
-        self.matrix * chip
+        self.rotation * chip
     }
 
-    /// The matrix: `body = rotation · chip`.
+    /// The matrix, orthogonal: `body = rotation · chip`.
     pub fn rotation(&self) -> Matrix3<f64> {
-        self.matrix
+        self.rotation
     }
 
     /// First `inner`, then this one.
     pub fn after(&self, inner: &Self) -> Self {
-        Self {
-            matrix: self.matrix * inner.matrix,
-        }
+        Self::of(self.matrix * inner.matrix)
     }
 
     /// Whether the mounting is mirrored (determinant −1).
@@ -58,9 +68,7 @@ impl Mounting {
     /// The rotation about body Z that adds this to every heading, degrees.
     pub fn adding_to_heading(offset_deg: f64) -> Self {
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -offset_deg.to_radians());
-        Self {
-            matrix: turn.into_inner(),
-        }
+        Self::of(turn.into_inner())
     }
 
     /// The rotation that makes this direction of body axes body Z, and turns no heading. `None` where body X is within 10° of the
@@ -73,18 +81,12 @@ impl Mounting {
 
     /// The nearest rotation whose nine numbers have six decimal places, so that people can read and copy them.
     pub fn rounded(&self) -> Self {
-        let mut rotation = Rotation3::from_matrix_unchecked(self.matrix);
-        rotation.renormalize();
-        Self {
-            matrix: rotation.into_inner().map(|n| rounded(n, 6)),
-        }
+        Self::of(self.rotation.map(|n| rounded(n, 6)))
     }
 
     /// A vector in the body frame, seen in chip axes.
     pub fn to_chip(&self, body: Vector3<f64>) -> Vector3<f64> {
-        // People write nine numbers with two decimals: the transpose would be off by up to 1 %.
-        let inverse = self.matrix.try_inverse();
-        inverse.unwrap_or_else(|| self.matrix.transpose()) * body
+        self.rotation.tr_mul(&body)
     }
 }
 
@@ -403,20 +405,17 @@ mod tests {
     #[test]
     fn signed_axes_say_which_chip_axis_points_along_each_body_axis() {
         let stick: Mounting = "+y -x +z".parse().unwrap();
-        assert_eq!(
-            stick.to_body(Vector3::new(1.0, 2.0, 3.0)),
-            Vector3::new(2.0, -1.0, 3.0)
-        );
-        assert_eq!(
-            stick.to_chip(Vector3::new(2.0, -1.0, 3.0)),
-            Vector3::new(1.0, 2.0, 3.0)
-        );
+        let (chip, body) = (Vector3::new(1.0, 2.0, 3.0), Vector3::new(2.0, -1.0, 3.0));
+        assert_eq!((stick.to_body(chip), stick.to_chip(body)), (body, chip));
     }
 
     #[test]
-    fn a_mounting_is_read_as_it_is_written() {
-        for text in ["+x -y -z", "-x +y +z", "0.6 0.8 0 -0.8 0.6 0 0 0 1"] {
-            assert_eq!(text.parse::<Mounting>().unwrap().to_string(), text);
+    fn a_mounting_is_read_as_it_is_written_and_is_a_rotation() {
+        for text in ["+x -y -z", "-x +y +z", "0.87 0.5 0 -0.5 0.87 0 0 0 1"] {
+            let mounting: Mounting = text.parse().unwrap();
+            assert_eq!(mounting.to_string(), text);
+            let rotation = mounting.rotation();
+            assert!((rotation * rotation.transpose() - Matrix3::identity()).norm() < 1e-12);
         }
     }
 
