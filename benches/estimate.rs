@@ -69,7 +69,7 @@ impl Board {
     fn estimate(&self) -> Estimate {
         let mut estimate = Estimate::new(Default::default(), None);
         for sample in black_box(&self.samples) {
-            estimate.take(sample);
+            estimate.take(sample, false);
             black_box(estimate.heading(&sample.motion.pose, 0.0));
         }
         estimate

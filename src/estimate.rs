@@ -104,7 +104,6 @@ pub struct Estimate {
     /// What was known when the gyro was last shown to be right.
     proven: Option<Filter>,
     suspended: Option<Box<Suspended>>,
-    gyro_recovered: bool,
     /// One for each axis of the magnetometer and one for the gyro, set when it begins to repeat a number: the axis may be saturated, and
     /// the gyro may hang. Boxed: dropping an empty `Option` of 25 kB copies as much, four times a sample.
     checkpoints: [Option<Box<Checkpoint>>; 4],
@@ -134,7 +133,6 @@ impl Estimate {
             gyro: GyroCheck::default(),
             proven: None,
             suspended: None,
-            gyro_recovered: false,
             checkpoints: Default::default(),
             gyro_noiseless: false,
             iron: IronWatch::default(),
@@ -145,14 +143,6 @@ impl Estimate {
             level: Level::default(),
             place: None,
             warning: None,
-        }
-    }
-
-    /// Keeps the parameters as they are, or lets them be learnt again.
-    pub fn fix_parameters(&mut self, fixed: bool) {
-        self.parameters_fixed = fixed;
-        if fixed {
-            self.rival = None;
         }
     }
 
@@ -181,8 +171,13 @@ impl Estimate {
         self.warning.take()
     }
 
-    /// Takes a sample.
-    pub fn take(&mut self, sample: &Sample) {
+    /// Takes a sample. With `fixed`, the parameters stay as they are. Returns whether a dead or hung gyro measures again: the attitude has
+    /// followed it, and is to begin anew. Other faults do not count, since the field may have caused them.
+    pub fn take(&mut self, sample: &Sample, fixed: bool) -> bool {
+        self.parameters_fixed = fixed;
+        if fixed {
+            self.rival = None;
+        }
         self.watch_for_hung_gyro(sample);
         let unbroken = self.last.is_some();
         let previous = self.last.replace(*sample).unwrap_or(*sample);
@@ -192,9 +187,8 @@ impl Estimate {
             || sample.motion.pose.frame_id != previous.motion.pose.frame_id;
         let lost = another_frame || sample.t_s - previous.t_s > MOST_PERIOD_S;
         if self.take_back_hung_gyro(sample, another_frame) {
-            // The attitude has followed the hung gyro.
-            self.gyro_recovered = true;
-            return self.lose_frame();
+            self.lose_frame();
+            return true;
         }
         if lost {
             self.visit = VisitWatch::default();
@@ -237,6 +231,7 @@ impl Estimate {
             self.trial = IronTrial::default();
         }
         self.iron.take(&self.active, period_s);
+        false
     }
 
     /// Passes the change of the attitude's gyro bias to all filters. With `measured`, the active filter, its rival and those kept for a
@@ -305,11 +300,6 @@ impl Estimate {
     /// Whether the active filter has been replaced by its rival since this was last asked.
     pub fn take_replaced(&mut self) -> bool {
         std::mem::take(&mut self.replaced)
-    }
-
-    /// Whether a dead or hung gyro measures again since the last call. Other faults do not count: the field may have caused them.
-    pub fn take_gyro_recovered(&mut self) -> bool {
-        std::mem::take(&mut self.gyro_recovered)
     }
 
     /// Takes the result of a full turn. If the result knows the hard iron better, a filter with it becomes active and the present one its

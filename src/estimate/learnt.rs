@@ -16,9 +16,13 @@ impl Estimate {
         }
     }
 
-    /// What is left of the gyro's bias, body axes, rad/s, and its variance on each axis; `None` before the estimate has begun.
+    /// The gyro's bias as attitude and estimate have found it, body axes, rad/s, and its variance on each axis; `None` before the estimate has
+    /// begun, and while the gyro is wrong.
     pub fn gyro_bias(&self) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        self.active.begun.then(|| self.active.gyro_bias())
+        let (left, variance) = self.active.gyro_bias();
+        let known = self.active.begun && self.gyro.fault().is_none();
+        let removed = self.gyro_bias.filter(|_| known)?.rad_s;
+        Some((removed + left, variance))
     }
 
     /// What is known now, as a calibration to keep; `None` before the estimate has begun.

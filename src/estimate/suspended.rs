@@ -20,9 +20,9 @@ pub(super) struct Suspended {
 impl Estimate {
     /// Takes a sample during a fault of the gyro, or the first after it. The first sample of a fault suspends the active filter, and the
     /// filter of when the gyro was last shown to be right takes its place. The suspended one follows the samples, and returns if
-    /// the fault clears within `FALSE_ALARM_S` of motion.
-    pub(super) fn follow_gyro_fault(&mut self, input: &Input, lost: bool) {
-        match self.suspended.take() {
+    /// the fault clears within `FALSE_ALARM_S` of motion. Returns whether a gyro that did not measure does so again.
+    pub(super) fn follow_gyro_fault(&mut self, input: &Input, lost: bool) -> bool {
+        let recovered = match self.suspended.take() {
             Some(mut suspended) if self.gyro.fault().is_some() => {
                 let filter = &mut suspended.filter;
                 let known = filter.iron_known_within(filter.strength_mgauss());
@@ -33,13 +33,13 @@ impl Estimate {
                     suspended.moved_s += input.period_s;
                 }
                 self.suspended = Some(suspended);
-                return;
+                return false;
             }
             Some(suspended) if suspended.moved_s < FALSE_ALARM_S => {
                 self.active = suspended.filter;
-                self.gyro_recovered = suspended.hung;
+                suspended.hung
             }
-            Some(suspended) => self.gyro_recovered = suspended.dead,
+            Some(suspended) => suspended.dead,
             None => {
                 let hung = self.forget_hung_gyro();
                 let unproven = || fresh(self.kept.as_ref(), &self.mounting);
@@ -50,11 +50,13 @@ impl Estimate {
                     dead: false,
                     hung,
                 }));
+                false
             }
-        }
+        };
         // The active filter was replaced: its iron differs, but nothing has moved.
         self.iron = IronWatch::default();
         self.lose_frame();
+        recovered
     }
 
     /// Whether anything is known, by motion or by a calibration. A suspended filter counts while it may come back.

@@ -124,18 +124,10 @@ impl Pipeline {
 
     /// The gyro's bias, gyro chip axes; `None` while it is not known well.
     fn gyro_bias_deg_s(&self) -> Option<Vector3<f64>> {
-        let (bias, variance) = self.gyro_bias()?;
+        let (bias, variance) = self.estimate.gyro_bias()?;
         let known = variance.max() < KNOWN_BIAS_RAD_S.powi(2);
         let chip = self.setup.mountings.gyro.to_chip(bias);
         known.then(|| chip.map(f64::to_degrees))
-    }
-
-    /// The gyro's bias as attitude and estimate have found it, body axes, rad/s, and its variance on each axis; `None` before the estimate has
-    /// begun, and while the gyro is wrong.
-    pub(super) fn gyro_bias(&self) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        let removed = self.sample.as_ref()?.board.gyro_bias.rad_s;
-        let (left, variance) = self.estimate.gyro_bias()?;
-        self.gyro_is_right().then_some((removed + left, variance))
     }
 
     /// How much has been learnt on the way to a heading, 0 to 1: the logarithm of the deviation, from

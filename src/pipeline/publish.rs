@@ -164,9 +164,7 @@ impl Pipeline {
         };
         let on_trial = self.asked_for && self.estimate.has_rival();
         let fixed = self.wanted().is_none() && self.learning.calibrated && !on_trial;
-        self.estimate.fix_parameters(fixed);
-        self.estimate.take(&sample);
-        if self.estimate.take_gyro_recovered() {
+        if self.estimate.take(&sample, fixed) {
             self.renew_attitude();
             return None;
         }
@@ -224,7 +222,7 @@ impl Pipeline {
         let attitude = &self.intake.attitude;
         attitude.pose_at(t_s)?;
         let removed = attitude.gyro_bias_rad_s();
-        let bias = self.gyro_bias().map_or(removed, |(bias, _)| bias);
+        let bias = self.estimate.gyro_bias().map_or(removed, |(bias, _)| bias);
         Some(attitude.rate_rad_s() + (removed - bias))
     }
 
