@@ -30,8 +30,8 @@ impl EstimatedHeading {
 
 impl Estimate {
     /// The heading of body X in this pose, by the field's azimuth in the gyro's frame. `None` if X is vertical, or before the estimate has
-    /// begun and taken a sample in this frame. The deviation covers the field and the tilt. On a moving board whose vertical is known it
-    /// also covers the rotation, radians, that the gyro may have missed.
+    /// begun and taken a sample in this frame. The deviation covers the field, the tilt, and on a moving board the rotation, radians,
+    /// that the gyro may have missed.
     pub fn heading(&self, pose: &Pose, missed_turn_rad: f64) -> Option<EstimatedHeading> {
         let last = self.last.as_ref()?;
         if !self.active.begun || last.motion.pose.frame_id != pose.frame_id {
@@ -47,7 +47,7 @@ impl Estimate {
         if !pose.vertical_known {
             let field = self.active.field();
             let seen = pose.orientation.inverse_transform_vector(&field);
-            return self.level_heading(pose, &seen);
+            return self.level_heading(pose, &seen, missed_turn_rad);
         }
         let known = self.active.field_in_frame();
         let known = match &self.place {
@@ -68,14 +68,19 @@ impl Estimate {
         // Innovations larger than expected: the covariance is too small.
         let variance = variance * self.active.consistency.max(self.iron.excess());
         let sd = hypot(variance.sqrt(), self.doubt_rad(missed_turn_rad));
-        let sd = hypot(sd, hypot(self.scale_doubt_rad(), self.fixed_doubt_rad()));
         let sd = hypot(sd, reversed_rad(&field, &known.field_covariance()));
         let sd = if self.is_credible() { sd } else { PI };
         Some(EstimatedHeading::new(wrap_360(heading.to_degrees()), sd))
     }
 
-    /// Error of a moving board's heading, radians, if the gyro is wrong and the field right.
+    /// What no covariance covers: errors of the gyro, and iron that fixed parameters do not learn, radians.
     fn doubt_rad(&self, missed_turn_rad: f64) -> f64 {
+        let lasting = hypot(self.scale_doubt_rad(), self.fixed_doubt_rad());
+        hypot(self.turn_doubt_rad(missed_turn_rad), lasting)
+    }
+
+    /// Error of a moving board's heading, radians, if the gyro is wrong and the field right.
+    fn turn_doubt_rad(&self, missed_turn_rad: f64) -> f64 {
         if self.active.still {
             return 0.0;
         }
@@ -111,7 +116,12 @@ impl Estimate {
 
     /// Without an accelerometer the board is taken for level on average; the further it is from that, the less
     /// certain is its heading.
-    fn level_heading(&self, pose: &Pose, seen: &Vector3<f64>) -> Option<EstimatedHeading> {
+    fn level_heading(
+        &self,
+        pose: &Pose,
+        seen: &Vector3<f64>,
+        missed_turn_rad: f64,
+    ) -> Option<EstimatedHeading> {
         let (down, leaning_rad) = self.level.down()?;
         let covariance = self.active.field_covariance() * self.iron.excess();
         // A board that stays level never learns the vertical field, and its headings need it only as far as it tilts.
@@ -128,6 +138,7 @@ impl Estimate {
         // The lean may be in any direction, so all of the field counts.
         let lean2 = leaning_rad.powi(2) * (horizontal * horizontal + vertical2);
         let sd = (own + tilt2 + lean2).sqrt() / horizontal;
+        let sd = hypot(sd, self.doubt_rad(missed_turn_rad));
         Some(EstimatedHeading::new(heading_deg(seen, &down)?, sd))
     }
 
