@@ -3,12 +3,14 @@
 //! At rest a coarse sensor, or a simulated one without noise, may well repeat its value for ever. So only values that come
 //! while the gyro shows motion count.
 
+mod axis;
 mod rest;
 
 use nalgebra::Vector3;
 
 use crate::frame::Mountings;
 use crate::reading::{Field, HELD_S, Reading};
+pub use axis::AxisWatch;
 use rest::RestRate;
 
 /// Number of identical values before a sensor counts as frozen.

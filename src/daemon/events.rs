@@ -213,8 +213,8 @@ fn to_thousandths(value: f64) -> f64 {
     rounded(value, 3)
 }
 
-/// Reasons, beside those of the gyro, that say what is wrong with the chips or how they are mounted.
-const CHIPS_AT_FAULT: [&str; 4] = ["accel_unit", "accel_axes", "mag_axes", "reversed_field"];
+/// Beginnings of the reasons that say what is wrong with the chips or how they are mounted.
+const CHIPS_AT_FAULT: [&str; 4] = ["gyro_", "accel_", "mag_", "reversed_"];
 
 fn log_report(report: &Report) {
     let (word, reason) = (report.condition.word(), report.reason);
@@ -223,8 +223,7 @@ fn log_report(report: &Report) {
     let worth_a_look = matches!(
         report.condition,
         Condition::Stale | Condition::Fault | Condition::Disturbed
-    ) || reason.starts_with("gyro_")
-        || CHIPS_AT_FAULT.contains(&reason);
+    ) || CHIPS_AT_FAULT.iter().any(|chip| reason.starts_with(chip));
     if worth_a_look {
         tracing::warn!(reason, t_s, "{word}: {}", report.message);
     } else {

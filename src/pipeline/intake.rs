@@ -5,11 +5,15 @@ use nalgebra::Vector3;
 use super::Setup;
 use super::force_unit::ForceUnit;
 use super::saturation::{RunState, Saturation};
-use crate::attitude::{Attitude, BoardMotion, Lateness};
+use crate::attitude::{Attitude, BoardMotion, GRAVITY_M_S2, Lateness};
 use crate::calibration::model::Calibration;
+use crate::frozen::{AxisWatch, MOVING_RAD_S};
 use crate::outliers::Outliers;
 use crate::reading::{HELD_S, Reading};
 use crate::turn::{Turn, TurnDetector};
+
+/// A board at rest reads gravity at most, and an accelerometer's bias is a tenth of it.
+const RESTING_M_S2: f64 = 1.1 * GRAVITY_M_S2;
 
 /// Takes readings in.
 pub(super) struct Intake {
@@ -21,6 +25,11 @@ pub(super) struct Intake {
     newest: Option<(f64, Vector3<f64>)>,
     late: Lateness,
     pub(super) force_unit: ForceUnit,
+    gyro_axes: AxisWatch,
+    accel_axes: AxisWatch,
+    /// Whether one of their axes is dead.
+    pub(super) gyro_axis_dead: bool,
+    pub(super) accel_axis_dead: bool,
 }
 
 impl Intake {
@@ -36,6 +45,10 @@ impl Intake {
             newest: None,
             late: Lateness::default(),
             force_unit: ForceUnit::default(),
+            gyro_axes: AxisWatch::up_to(MOVING_RAD_S),
+            accel_axes: AxisWatch::up_to(RESTING_M_S2),
+            gyro_axis_dead: false,
+            accel_axis_dead: false,
         }
     }
 
@@ -46,10 +59,18 @@ impl Intake {
         reading: &Reading,
         mut on_tick: impl FnMut(&BoardMotion, Option<Turn>),
     ) -> (Reading, [RunState; 3]) {
-        let (reading, runs) = self.saturation.filter(&self.outliers.filter(reading));
+        let (mut reading, runs) = self.saturation.filter(&self.outliers.filter(reading));
+        if let Some(rate) = reading.rate_rad_s {
+            self.gyro_axis_dead = self.gyro_axes.take(rate);
+        }
         if let Some(force) = reading.specific_force_m_s2 {
             self.force_unit.take(reading.t_s, force.norm());
+            self.accel_axis_dead = self.accel_axes.take(force);
         }
+        reading.rate_rad_s = reading.rate_rad_s.filter(|_| !self.gyro_axis_dead);
+        reading.specific_force_m_s2 = reading
+            .specific_force_m_s2
+            .filter(|_| !self.accel_axis_dead);
         let turns = &mut self.turns;
         self.attitude
             .take(&reading, |tick| on_tick(tick, turns.tick(tick)));

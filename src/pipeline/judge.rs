@@ -205,7 +205,11 @@ impl Pipeline {
     }
 
     fn tilt_is_missing(&self) -> bool {
-        !self.intake.attitude.accelerometer_live(self.times.now_s) && !self.has_just_begun()
+        !self.accelerometer_is_live() && !self.has_just_begun()
+    }
+
+    fn accelerometer_is_live(&self) -> bool {
+        self.intake.attitude.accelerometer_live(self.times.now_s)
     }
 
     fn gyro_is_missing(&self) -> bool {
@@ -232,14 +236,22 @@ impl Pipeline {
 
     /// What is wrong with gyro or accelerometer, or with how they are mounted, as a code and as a sentence.
     pub(super) fn chip_fault(&self) -> Option<(&'static str, &'static str)> {
-        if self.intake.attitude.clipping() {
+        if self.intake.attitude.clipping() && self.gyro_is_live() {
             let message = "the board turns faster than the gyro can measure: turn it more slowly";
             return Some(("gyro_clipped", message));
         }
-        if self.intake.force_unit.is_wrong() {
+        if self.intake.force_unit.is_wrong() && self.accelerometer_is_live() {
             let message =
                 "what the accelerometer reads is far from gravity: check its unit and its range";
             return Some(("accel_unit", message));
+        }
+        if self.intake.gyro_axis_dead {
+            let message = "an axis of the gyro repeats its value while the others change: check its wiring, and what reads it";
+            return Some(("gyro_dead", message));
+        }
+        if self.intake.accel_axis_dead {
+            let message = "an axis of the accelerometer repeats its value while the others change: check its wiring, and what reads it";
+            return Some(("accel_dead", message));
         }
         Some(match self.estimate.gyro_fault()? {
             GyroFault::Dead => (

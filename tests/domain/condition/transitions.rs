@@ -185,6 +185,14 @@ const SCENARIOS: &[Scenario] = &[
         // Each heading comes from one sample alone.
         assert_eq!(b.shown(), (false, true));
     }),
+    ("an axis of the gyro reads a constant", || Board::new(None), |b| {
+        swing(b, |reading| reading.rate_rad_s = reading.rate_rad_s.map(|rate| Vector3::new(0.01, rate.y, rate.z)));
+    }),
+    ("an axis of the accelerometer reads a constant", || Board::new(None), |b| {
+        swing(b, |reading| {
+            reading.specific_force_m_s2 = reading.specific_force_m_s2.map(|force| Vector3::new(force.x, 0.0, force.z));
+        });
+    }),
     ("the gyro has another sign", good, |b| {
         b.gyro = |rate| -rate;
         b.tumble();

@@ -1,0 +1,178 @@
+//! Notices one axis of a sensor that repeats its value while the noise of the other two is seen: it is not connected, or not read.
+//!
+//! Motion is no sign of it, since a board may turn about the other axes alone, and a simulated sensor has no noise. So only second
+//! differences that reverse the one before count: noise reverses most of them, motion a few in a second.
+
+use nalgebra::Vector3;
+
+/// Each of the other axes must reverse so often. On an axis with half their noise, at the middle of its finest step, the value then repeats
+/// by chance once in 10¹³ times.
+const REVERSALS: u32 = 30;
+/// Within so many readings: motion that reverses so often is a vibration faster than a fifteenth of the sampling rate.
+const READINGS: u32 = 200;
+/// A second difference counts if it exceeds the axis's finest step by this factor. Noise that is small against the step goes to and fro between
+/// two values, which makes two steps, and may stand still on another axis.
+const STEPS: f64 = 2.5;
+/// And if it is larger than this share of the value that is repeated, which may be written with three digits.
+const DIGITS: f64 = 0.01;
+
+/// Follows the values of a sensor's three axes.
+#[derive(Clone, Debug)]
+pub struct AxisWatch {
+    /// An axis beyond this may be at the end of its range.
+    most: f64,
+    last: Option<Vector3<f64>>,
+    /// The last first and second difference, and the smallest change of each axis.
+    change: Vector3<f64>,
+    bend: Vector3<f64>,
+    finest: Vector3<f64>,
+    axes: [Repeats; 3],
+}
+
+/// How an axis repeats its value.
+#[derive(Clone, Copy, Debug, Default)]
+struct Repeats {
+    readings: u32,
+    /// How often each axis has reversed meanwhile.
+    reversals: [u32; 3],
+    dead: bool,
+}
+
+impl AxisWatch {
+    /// Watches a sensor whose axes are judged up to this value.
+    pub fn up_to(most: f64) -> Self {
+        Self {
+            most,
+            last: None,
+            change: Vector3::zeros(),
+            bend: Vector3::zeros(),
+            finest: Vector3::repeat(f64::INFINITY),
+            axes: Default::default(),
+        }
+    }
+
+    /// Takes the sensor's values. Whether one of the axes is dead, until it changes.
+    pub fn take(&mut self, values: Vector3<f64>) -> bool {
+        let change = values - self.last.replace(values).unwrap_or(values);
+        // A row that repeats all is no reading.
+        if change != Vector3::zeros() {
+            let bend = change - std::mem::replace(&mut self.change, change);
+            let before = std::mem::replace(&mut self.bend, bend);
+            let reversed = std::array::from_fn(|axis| {
+                if change[axis] != 0.0 {
+                    self.finest[axis] = self.finest[axis].min(change[axis].abs());
+                }
+                let size = bend[axis].abs();
+                let counts = bend[axis] * before[axis] < 0.0 && size > STEPS * self.finest[axis];
+                if counts { size } else { 0.0 }
+            });
+            for (axis, repeats) in self.axes.iter_mut().enumerate() {
+                if change[axis] != 0.0 || values[axis].abs() > self.most {
+                    *repeats = Repeats::default();
+                } else {
+                    repeats.take(axis, reversed, DIGITS * values[axis].abs());
+                }
+            }
+        }
+        self.axes.iter().any(|repeats| repeats.dead)
+    }
+}
+
+impl Repeats {
+    /// Takes a reading in which this axis has not changed, and others have reversed by this much.
+    fn take(&mut self, axis: usize, reversed: [f64; 3], least: f64) {
+        if self.readings == READINGS && !self.dead {
+            *self = Self::default();
+        }
+        self.readings = (self.readings + 1).min(READINGS);
+        for (reversals, size) in self.reversals.iter_mut().zip(reversed) {
+            *reversals += u32::from(size > least);
+        }
+        let enough = |other: usize| other == axis || self.reversals[other] >= REVERSALS;
+        self.dead |= (0..3).all(enough);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
+    use super::*;
+
+    /// After how many of 20,000 readings an axis is dead. Each has noise of this deviation, a finest step of 1, and moves like this.
+    fn dead_after(noise: [f64; 3], moves: impl Fn(f64) -> [f64; 3]) -> Option<u32> {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(7);
+        let mut watch = AxisWatch::up_to(1000.0);
+        (0..20_000).find(|&reading| {
+            let moved = moves(f64::from(reading) * 0.02);
+            watch.take(Vector3::from_fn(|axis, _| {
+                let chance: f64 = StandardNormal.sample(&mut rng);
+                (moved[axis] + noise[axis] * chance).round()
+            }))
+        })
+    }
+
+    fn still(_: f64) -> [f64; 3] {
+        [0.0; 3]
+    }
+
+    #[test]
+    fn an_axis_without_the_noise_of_the_others_is_dead() {
+        for noise in [0.8, 1.0, 3.0, 20.0] {
+            for axis in 0..3 {
+                let mut each = [noise; 3];
+                each[axis] = 0.0;
+                let after = dead_after(each, still).unwrap();
+                assert!((20..400).contains(&after), "{noise}: {after}");
+                let turning = |t_s: f64| [300.0 * (2.0 * t_s).sin(); 3].map(|rate| rate);
+                let without = |t_s| {
+                    std::array::from_fn(|other| {
+                        if other == axis {
+                            0.0
+                        } else {
+                            turning(t_s)[other]
+                        }
+                    })
+                };
+                assert!(
+                    noise < 3.0 || dead_after(each, without).is_some(),
+                    "{noise}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn quiet_axes_and_smooth_motion_are_no_dead_axis() {
+        for noise in [0.0, 0.1, 0.2, 0.3, 0.5, 1.0, 5.0] {
+            let half = [noise, noise, 0.5 * noise];
+            for offset in [0.0, 0.5] {
+                assert_eq!(dead_after(half, |_| [offset, offset, 0.0]), None, "{noise}");
+            }
+        }
+        // Two axes have noise alone, or the others move without it.
+        assert_eq!(dead_after([0.0, 0.0, 5.0], still), None);
+        let wobbling = |t_s: f64| [100.0 * (9.0 * t_s).sin(), 100.0 * (8.0 * t_s).cos(), 0.0];
+        assert_eq!(dead_after([0.0; 3], wobbling), None);
+    }
+
+    #[test]
+    fn an_axis_at_the_end_of_its_range_is_not_dead_and_a_dead_one_lives_when_it_changes() {
+        assert_eq!(dead_after([5.0, 5.0, 0.0], |_| [0.0, 0.0, 2000.0]), None);
+        // Written with three digits.
+        assert_eq!(dead_after([2.0, 2.0, 0.0], |_| [0.0, 0.0, 981.0]), None);
+        let mut watch = AxisWatch::up_to(1.0);
+        let noisy = |reading: u32, z| {
+            let way = if reading.is_multiple_of(2) { 0.1 } else { -0.1 };
+            let more = f64::from(reading % 5);
+            Vector3::new(way * more, 0.02 * more - way, z)
+        };
+        let dead: Vec<_> = (0..100)
+            .map(|reading| watch.take(noisy(reading, 0.0)))
+            .collect();
+        assert!(!dead[10] && dead[99]);
+        assert!(!watch.take(noisy(100, 0.3)));
+    }
+}
