@@ -69,11 +69,19 @@ where
     }
 }
 
-/// Collects a fault unless `path` is absolute, or empty.
-pub fn absolute_or_empty(faults: &mut Vec<Fault>, key: &str, path: &Path, right: &str) {
-    if path.is_relative() && !path.as_os_str().is_empty() {
-        faults.push(Fault::new(key, format!("{path:?}"), right));
-    }
+/// What a key's own check finds. A function, so that a closure's arguments need no types.
+pub fn checked<T>(
+    key: &str,
+    value: &T,
+    check: impl Fn(&str, &T) -> Option<Fault>,
+) -> Option<Fault> {
+    check(key, value)
+}
+
+/// A fault unless `path` is absolute, or empty.
+pub fn absolute_or_empty(key: &str, path: &Path, right: &str) -> Option<Fault> {
+    let wrong = path.is_relative() && !path.as_os_str().is_empty();
+    wrong.then(|| Fault::new(key, format!("{path:?}"), right))
 }
 
 /// The numbers of a setting: one, some, or none.
@@ -115,18 +123,17 @@ impl<T: Numbers, const N: usize> Numbers for [T; N] {
     }
 }
 
-/// Declares settings: each key once, with its default and, where it is a number, its range and unit. `also` names a
-/// function that collects the other faults of single keys, `compares` one that collects those between keys.
+/// Declares settings: each key once, with its default; where it is a number, its range and unit; and behind `=>` a check of
+/// its own, which takes key and value. `compares` names a function that collects the faults between keys.
 macro_rules! settings {
     (
         $(#[$about:meta])*
         pub struct $name:ident {
             $(
                 $(#[$key_about:meta])*
-                $key:ident: $type:ty = $default:expr $(, $range:expr, $unit:literal)?;
+                $key:ident: $type:ty = $default:expr $(, $range:expr, $unit:literal)? $(=> $check:expr)?;
             )*
         }
-        $(also $also:path;)?
         $(compares $compares:path;)?
     ) => {
         $(#[$about])*
@@ -152,12 +159,12 @@ macro_rules! settings {
             fn check_keys(&self) -> Vec<$crate::check::Fault> {
                 #[allow(unused_mut, reason = "some settings can be nothing but right")]
                 let mut faults = Vec::new();
-                $($(
-                    for number in $crate::check::Numbers::numbers(&self.$key) {
+                $(
+                    $(for number in $crate::check::Numbers::numbers(&self.$key) {
                         $crate::check::within(&mut faults, stringify!($key), number, $range, $unit);
-                    }
-                )?)*
-                $($also(self, &mut faults);)?
+                    })?
+                    $(faults.extend($crate::check::checked(stringify!($key), &self.$key, $check));)?
+                )*
                 faults
             }
 

@@ -14,7 +14,7 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::check::{Fault, absolute_or_empty, settings};
+use crate::check::{absolute_or_empty, settings};
 use crate::lock_file::{LockError, LockFile};
 pub(crate) use disk::replace_file;
 pub use format::{CalibrationFile, FormatError};
@@ -29,25 +29,19 @@ settings! {
     /// Where the calibration is kept.
     #[derive(Eq)]
     pub struct Settings {
-        /// The folder that the calibration is kept in, an absolute path. Empty: it is not kept, and each
-        /// start begins uncalibrated.
-        directory: PathBuf = PathBuf::from("/var/lib/headingd");
+        /// The folder that the calibration is kept in, an absolute path: the folder that a daemon happens to be started in
+        /// may be another one next time. Empty: it is not kept, and each start begins uncalibrated.
+        directory: PathBuf = PathBuf::from("/var/lib/headingd")
+            => |key, path| absolute_or_empty(key, path, "an absolute path, or empty to keep nothing");
         /// How many calibrations of a sensor are kept; then the oldest goes.
         history: usize = 10, 1..=100, "calibrations";
     }
-    also Settings::check_directory;
 }
 
 impl Settings {
     /// The folder, if the calibration is to be kept.
     pub fn directory(&self) -> Option<&Path> {
         (!self.directory.as_os_str().is_empty()).then_some(&self.directory)
-    }
-
-    fn check_directory(&self, faults: &mut Vec<Fault>) {
-        // The folder that a daemon happens to be started in is no place to look for it next time.
-        let right = "an absolute path, or empty to keep nothing";
-        absolute_or_empty(faults, "directory", &self.directory, right);
     }
 }
 

@@ -9,19 +9,9 @@ settings! {
     pub struct Settings {
         /// A level (`off`, `error`, `warn`, `info`, `debug`, `trace`), or several of the form `target=level`
         /// with commas between them.
-        filter: String = "info".to_owned();
-    }
-    also Settings::check_filter;
-}
-
-impl Settings {
-    fn check_filter(&self, faults: &mut Vec<Fault>) {
-        if logging::parse(&self.filter).is_none() {
-            faults.push(Fault::new(
-                "filter",
-                format!("{:?}", self.filter),
-                logging::RIGHT,
-            ));
-        }
+        filter: String = "info".to_owned() => |key, filter| {
+            let wrong = logging::parse(filter).is_none();
+            wrong.then(|| Fault::new(key, format!("{filter:?}"), logging::RIGHT))
+        };
     }
 }

@@ -14,11 +14,13 @@ settings! {
         /// Accelerometer chip axes along the board's X, Y, Z.
         accel_axes: Mounting = Mounting::default();
         /// Board axes along body X, Y, Z.
-        board_axes: Mounting = Mounting::default();
+        board_axes: Mounting = Mounting::default() => |key, axes| {
+            let right = "a rotation: turn one sign round, or exchange two axes";
+            axes.is_mirrored().then(|| Fault::new(key, format!("\"{axes}\", which is mirrored"), right))
+        };
         /// Added to every heading after that.
         heading_offset_deg: f64 = 0.0, -180.0..=180.0, "degrees";
     }
-    also Settings::check_board;
 }
 
 impl Settings {
@@ -34,13 +36,5 @@ impl Settings {
     /// The board, whatever the source is.
     pub fn board(&self) -> Mounting {
         Mounting::adding_to_heading(self.heading_offset_deg).after(&self.board_axes)
-    }
-
-    fn check_board(&self, faults: &mut Vec<Fault>) {
-        if self.board_axes.is_mirrored() {
-            let found = format!("{:?}, which is mirrored", self.board_axes.to_string());
-            let right = "a rotation: turn one sign round, or exchange two axes";
-            faults.push(Fault::new("board_axes", found, right));
-        }
     }
 }

@@ -93,7 +93,13 @@ impl<'i> TableReader<'i> {
 
     /// The settings in table `name`, with the defaults of what is not there or cannot be used.
     pub(super) fn table<T: Check>(&mut self, name: &'static str) -> T {
-        let attempt: Attempt = |table| Ok(read::<T>(table)?.check());
+        let attempt: Attempt = |table| {
+            let settings: T = read(table)?;
+            // Keys are compared even if one is wrong by itself: the range that a message names may come from another key.
+            let mut faults = settings.check_keys();
+            settings.compare_keys(&mut faults);
+            Ok(faults)
+        };
         let count = self.faults.len();
         let usable = self.usable(&super::table::<T>(name), attempt);
         let settings: T = read(usable.clone()).expect("each of these keys was read by itself");

@@ -18,7 +18,7 @@ use tokio::sync::{mpsc, oneshot};
 
 use super::clients::{ClientSocket, serve_clients};
 use super::socket_file::{BindError, OpenSocket, right_mode, right_path};
-use crate::check::{Fault, settings};
+use crate::check::settings;
 pub use answer::Answer;
 pub use request::ControlRequest;
 
@@ -36,11 +36,11 @@ settings! {
     #[derive(Eq)]
     pub struct Settings {
         /// Path of the socket, absolute, up to 100 bytes. Empty: `control.sock` in the folder of the heading socket.
-        socket: PathBuf = PathBuf::new();
+        socket: PathBuf = PathBuf::new()
+            => |_, path| right_path(path).err().filter(|_| !path.as_os_str().is_empty());
         /// Permissions of the socket, octal, `"0600"` to `"0660"`: the daemon's user and its group.
-        mode: String = "0660".into();
+        mode: String = "0660".into() => |_, mode| right_mode(mode, MOST_OPEN).err();
     }
-    also Settings::check_socket;
 }
 
 impl Settings {
@@ -51,13 +51,6 @@ impl Settings {
         } else {
             self.socket.clone()
         }
-    }
-
-    fn check_socket(&self, faults: &mut Vec<Fault>) {
-        if !self.socket.as_os_str().is_empty() {
-            faults.extend(right_path(&self.socket).err());
-        }
-        faults.extend(right_mode(&self.mode, MOST_OPEN).err());
     }
 }
 

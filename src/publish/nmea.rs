@@ -15,21 +15,16 @@ settings! {
     /// Settings of the sentences.
     pub struct Settings {
         /// The talker, two capital letters: `"HC"` is a magnetic compass.
-        talker: String = "HC".into();
+        talker: String = "HC".into() => |key, talker| check_talker(key, talker);
         /// How many headings a second go out as sentences, to clients that do not ask for another rate. There are never
         /// more than readings.
         rate_hz: f64 = 10.0, 0.1..=1000.0, "a second";
     }
-    also Settings::check_talker;
 }
 
-impl Settings {
-    fn check_talker(&self, faults: &mut Vec<Fault>) {
-        if !matches!(self.talker.as_bytes(), [b'A'..=b'Z', b'A'..=b'Z']) {
-            let right = "two capital letters, as \"HC\"";
-            faults.push(Fault::new("talker", format!("{:?}", self.talker), right));
-        }
-    }
+fn check_talker(key: &str, talker: &str) -> Option<Fault> {
+    let right = matches!(talker.as_bytes(), [b'A'..=b'Z', b'A'..=b'Z']);
+    (!right).then(|| Fault::new(key, format!("{talker:?}"), "two capital letters, as \"HC\""))
 }
 
 /// The sentences of a heading, each with its CR LF; none where there is no heading to steer by.
@@ -156,7 +151,7 @@ mod tests {
                 .into_iter()
                 .map(|fault| fault.key)
                 .collect();
-            assert_eq!(keys, ["rate_hz", "talker"], "{talker:?}");
+            assert_eq!(keys, ["talker", "rate_hz"], "{talker:?}");
         }
     }
 

@@ -19,7 +19,7 @@ use super::gpsd::{self, Device, LINE_END};
 use super::nmea;
 pub use super::socket_file::{BindError, BindFault};
 use super::socket_file::{OpenSocket, right_mode, right_path};
-use crate::check::{Fault, settings};
+use crate::check::settings;
 
 /// Headings are no secret, and nothing can be changed here.
 const MOST_OPEN: u32 = 0o666;
@@ -28,11 +28,11 @@ settings! {
     /// Settings of the socket.
     pub struct Settings {
         /// Path of the socket, absolute, up to 100 bytes.
-        socket: PathBuf = "/run/headingd/heading.sock".into();
+        socket: PathBuf = "/run/headingd/heading.sock".into() => |_, path| right_path(path).err();
         /// Permissions of the socket, octal, `"0600"` to `"0666"`. By default any local user may read
         /// headings, as any may read positions from gpsd. They are no secret, and nothing can be changed here. Set `"0660"`
         /// to let only the daemon's group in.
-        mode: String = "0666".into();
+        mode: String = "0666".into() => |_, mode| right_mode(mode, MOST_OPEN).err();
         /// How many clients are served at a time. One user may have all but four of them (below
         /// eight, all but half); the rest is for other users. Root and the daemon's own user may have all.
         max_clients: usize = 32, 1..=1024, "clients";
@@ -42,14 +42,6 @@ settings! {
         backlog: usize = 64, 8..=4096, "messages";
         /// A client that is behind is disconnected unless it reads about 2 KiB within this time.
         write_timeout_s: f64 = 5.0, 0.1..=60.0, "seconds";
-    }
-    also Settings::check_socket;
-}
-
-impl Settings {
-    fn check_socket(&self, faults: &mut Vec<Fault>) {
-        faults.extend(right_path(&self.socket).err());
-        faults.extend(right_mode(&self.mode, MOST_OPEN).err());
     }
 }
 
@@ -150,12 +142,12 @@ mod tests {
         assert_eq!(
             keys,
             [
+                "socket",
+                "mode",
                 "max_clients",
                 "request_limit_bytes",
                 "backlog",
                 "write_timeout_s",
-                "socket",
-                "mode",
             ]
         );
         for mode in ["", "+0666", "0o666", "rw", "0066", "660 "] {

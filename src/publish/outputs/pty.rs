@@ -14,7 +14,7 @@ use rustix::termios::{
 };
 
 use super::lines::HeadingLines;
-use crate::check::{Fault, absolute_or_empty, settings};
+use crate::check::{absolute_or_empty, settings};
 use crate::lock_file::LockFile;
 
 /// Headings are no secret, and what is written to it is thrown away; programs open a port for both.
@@ -25,15 +25,8 @@ settings! {
     #[derive(Eq)]
     pub struct Settings {
         /// Path of a link to the port, absolute: `"/run/headingd/nmea"`. Empty, as it is by default: none.
-        path: PathBuf = PathBuf::new();
-    }
-    also Settings::check_path;
-}
-
-impl Settings {
-    fn check_path(&self, faults: &mut Vec<Fault>) {
-        let right = "an absolute path, as \"/run/headingd/nmea\", or empty";
-        absolute_or_empty(faults, "path", &self.path, right);
+        path: PathBuf = PathBuf::new()
+            => |key, path| absolute_or_empty(key, path, "an absolute path, as \"/run/headingd/nmea\", or empty");
     }
 }
 

@@ -16,7 +16,7 @@ use tokio::time::{sleep, timeout};
 
 use super::lines::HeadingLines;
 use super::{Format, check_address};
-use crate::check::{Fault, settings};
+use crate::check::settings;
 use crate::publish::feed::Feed;
 
 /// So many clients are served at a time.
@@ -44,16 +44,9 @@ settings! {
     pub struct Settings {
         /// An address of this machine in numbers, with a port: `"127.0.0.1:10110"` for its own programs, `"0.0.0.0:10110"` for
         /// the whole network. Empty: none.
-        listen: String = String::new();
+        listen: String = String::new() => |key, listen| check_address(key, listen);
         /// `"nmea"` or `"signalk"`.
         format: Format = Format::Nmea;
-    }
-    also Settings::check_address;
-}
-
-impl Settings {
-    fn check_address(&self, faults: &mut Vec<Fault>) {
-        faults.extend(check_address("listen", &self.listen));
     }
 }
 

@@ -7,7 +7,7 @@ use tokio::net::UdpSocket;
 
 use super::lines::HeadingLines;
 use super::{Format, check_address};
-use crate::check::{Fault, settings};
+use crate::check::settings;
 
 settings! {
     /// Where datagrams go.
@@ -15,16 +15,9 @@ settings! {
     pub struct Settings {
         /// An address in numbers with a port, of one receiver or a broadcast: `"127.0.0.1:10110"`, `"192.168.1.255:10110"`.
         /// Empty: none.
-        to: String = String::new();
+        to: String = String::new() => |key, to| check_address(key, to);
         /// `"nmea"` or `"signalk"`.
         format: Format = Format::Nmea;
-    }
-    also Settings::check_address;
-}
-
-impl Settings {
-    fn check_address(&self, faults: &mut Vec<Fault>) {
-        faults.extend(check_address("to", &self.to));
     }
 }
 

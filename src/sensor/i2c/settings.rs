@@ -28,13 +28,13 @@ settings! {
         /// The chips beside it.
         companions: Companions = Companions::default();
         /// Address of the gyro, 0x68 or 0x69.
-        gyro_address: u8 = 0x68;
+        gyro_address: u8 = 0x68 => |key, found| one_of(key, *found, drivers::GYRO_ADDRESSES);
         /// Address of the accelerometer, if that is a chip of its own, 0x53 or 0x1D.
-        accel_address: u8 = 0x53;
+        accel_address: u8 = 0x53 => |key, found| one_of(key, *found, drivers::ACCEL_ADDRESSES);
         /// Readings of gyro and accelerometer.
         gyro_rate_hz: f64 = 100.0, 100.0..=200.0, "Hz";
     }
-    also Settings::check_others;
+    compares Settings::check_gain;
 }
 
 words! {
@@ -72,20 +72,18 @@ impl Settings {
         }
     }
 
-    fn check_others(&self, faults: &mut Vec<Fault>) {
+    /// How many gains there are depends on the chip.
+    fn check_gain(&self, faults: &mut Vec<Fault>) {
         if let Some(gain) = self.gain {
             let named = self.magnetometer.named();
             let gains = named.map_or(8, |chip| chip.sheet().gains.len());
             within(faults, "gain", gain, 0..=gains as u8 - 1, "");
         }
-        let mut one_of = |key: &str, found: u8, right: [u8; 2]| {
-            if !right.contains(&found) {
-                let right = format!("0x{:02x} or 0x{:02x}", right[0], right[1]);
-                faults.push(Fault::new(key, format!("0x{found:02x}"), right));
-            }
-        };
-        let [gyro, accel] = [drivers::GYRO_ADDRESSES, drivers::ACCEL_ADDRESSES];
-        one_of("gyro_address", self.gyro_address, gyro);
-        one_of("accel_address", self.accel_address, accel);
     }
+}
+
+fn one_of(key: &str, found: u8, right: [u8; 2]) -> Option<Fault> {
+    let wrong = !right.contains(&found);
+    let right = format!("0x{:02x} or 0x{:02x}", right[0], right[1]);
+    wrong.then(|| Fault::new(key, format!("0x{found:02x}"), right))
 }

@@ -4,28 +4,21 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use crate::check::{Fault, absolute_or_empty, settings, words};
+use crate::check::{absolute_or_empty, settings, words};
 use crate::sensor::chip::drivers;
 
 settings! {
     /// The port, and the protocol of the device behind it.
     pub struct Settings {
         /// The port's path, absolute: best one in `/dev/serial/by-id`, which stays the same. Empty: none.
-        port: PathBuf = PathBuf::new();
+        port: PathBuf = PathBuf::new()
+            => |key, port| absolute_or_empty(key, port, "an absolute path, as /dev/ttyUSB0 or one in /dev/serial/by-id");
         /// Its speed, 8 data bits, no parity, 1 stop bit. Default 57600, the Razor's.
         baud: u32 = 57600, 300..=4_000_000, "baud";
         /// The protocol of the device.
         protocol: Protocol = Protocol::default();
         /// The magnetometer: it determines the scale of the Razor's counts, and names the calibration that is kept.
         chip: Chip = Chip::default();
-    }
-    also Settings::check_port;
-}
-
-impl Settings {
-    fn check_port(&self, faults: &mut Vec<Fault>) {
-        let right = "an absolute path, as /dev/ttyUSB0 or one in /dev/serial/by-id";
-        absolute_or_empty(faults, "port", &self.port, right);
     }
 }
 
