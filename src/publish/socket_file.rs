@@ -31,9 +31,6 @@ pub struct BindError {
 /// What is in the way of a socket.
 #[derive(Debug, Error)]
 pub enum BindFault {
-    /// The settings are wrong.
-    #[error("{0}")]
-    Settings(Fault),
     /// Another process serves there or is about to; its number, if that is known.
     #[error(
         "another daemon is serving there{}; stop it, or set another socket",
@@ -45,58 +42,31 @@ pub enum BindFault {
         "cannot find out whether a daemon is serving there: {0}; join the socket's group, or set another socket"
     )]
     Unsure(io::Error),
-    /// Something else is there; it is left alone.
-    #[error("a file that is no socket is there; move it away, or set another socket")]
-    NotASocket,
-    /// Its directory does not exist.
-    #[error(
-        "the directory {directory} does not exist; create it (sudo install -d -o $USER {directory}, or systemd's \
-         RuntimeDirectory=), or set another socket",
-        directory = .0.display()
-    )]
-    NoDirectory(PathBuf),
-    /// This user may not make a socket there.
-    #[error(
-        "{attempt}: {source}; let this user write to {} (systemd: User= and RuntimeDirectory=), or set another socket",
-        directory.display()
-    )]
-    NotAllowed {
-        /// What was attempted.
-        attempt: &'static str,
-        /// What the system said.
-        source: io::Error,
-        /// The directory.
-        directory: PathBuf,
-    },
-    /// The system refused.
-    #[error("{attempt}: {source}")]
-    System {
-        /// What was attempted.
-        attempt: &'static str,
-        /// What the system said.
-        source: io::Error,
-    },
+    /// Nobody can serve there: why, and what helps.
+    #[error("{0}")]
+    Unusable(String),
 }
 
 impl BindFault {
     /// What was attempted at `path` failed.
-    fn failed(path: &Path, attempt: &'static str, source: io::Error) -> Self {
-        match source.kind() {
-            ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => Self::NotAllowed {
-                attempt,
-                source,
-                directory: path.parent().unwrap_or(path).to_owned(),
-            },
-            _ => Self::System { attempt, source },
-        }
+    fn failed(path: &Path, attempt: &str, source: io::Error) -> Self {
+        let remedy = match source.kind() {
+            ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem => format!(
+                "; let this user write to {} (systemd: User= and RuntimeDirectory=), or set another socket",
+                path.parent().unwrap_or(path).display()
+            ),
+            _ => String::new(),
+        };
+        Self::Unusable(format!("{attempt}: {source}{remedy}"))
     }
 }
 
 #[derive(Debug)]
 pub(super) struct OpenSocket {
     pub(super) listener: UnixListener,
-    /// None if somebody else has made the socket, and will remove it.
-    pub(super) file: Option<SocketFile>,
+    /// Its file, removed in the end, and the lock, held until the file is gone: fields are dropped in their order. None if
+    /// somebody else has made the socket, and will remove it.
+    pub(super) file: Option<(OwnFile, LockFile)>,
 }
 
 impl OpenSocket {
@@ -120,7 +90,7 @@ impl OpenSocket {
             }
             None => right_path(path)
                 .and_then(|()| right_mode(mode, most_open))
-                .map_err(BindFault::Settings)
+                .map_err(|fault| BindFault::Unusable(fault.to_string()))
                 .and_then(|mode| claim(path, mode)),
         };
         opened.map_err(|why| BindError {
@@ -130,21 +100,17 @@ impl OpenSocket {
     }
 }
 
-/// The file of our own socket; dropping it removes the file.
-#[derive(Debug)]
-pub(super) struct SocketFile {
-    _own: OwnFile,
-    /// Held until the file is gone: fields are dropped in their order.
-    _lock: LockFile,
-}
-
 /// Listens on `path` with permissions `mode`. A socket that nobody serves on any more is replaced.
 fn claim(path: &Path, mode: u32) -> Result<OpenSocket, BindFault> {
     let failed = |attempt| move |source| BindFault::failed(path, attempt, source);
     // The path is absolute, so only "/" has no parent.
     let directory = path.parent().unwrap_or(path);
     if !directory.is_dir() {
-        return Err(BindFault::NoDirectory(directory.to_owned()));
+        let directory = directory.display();
+        return Err(BindFault::Unusable(format!(
+            "the directory {directory} does not exist; create it (sudo install -d -o $USER {directory}, or systemd's \
+             RuntimeDirectory=), or set another socket"
+        )));
     }
     refuse_if_taken(path)?;
     // Two daemons that start together may both pass this check; the lock lets one through, and the second check sees its socket.
@@ -168,10 +134,7 @@ fn claim(path: &Path, mode: u32) -> Result<OpenSocket, BindFault> {
     let listener = put.map_err(failed("cannot put the socket in its place"))?;
     Ok(OpenSocket {
         listener,
-        file: Some(SocketFile {
-            _own: OwnFile::new(path, &found),
-            _lock: lock,
-        }),
+        file: Some((OwnFile::new(path, &found), lock)),
     })
 }
 
@@ -184,7 +147,8 @@ fn refuse_if_taken(path: &Path) -> Result<(), BindFault> {
             .map_err(|source| BindFault::failed(path, "cannot look at what is there", source))?,
     };
     if !found.file_type().is_socket() {
-        return Err(BindFault::NotASocket);
+        let why = "a file that is no socket is there; move it away, or set another socket";
+        return Err(BindFault::Unusable(why.to_owned()));
     }
     match connect(path) {
         Ok(pid) => Err(BindFault::Busy(pid)),

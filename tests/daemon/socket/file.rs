@@ -96,24 +96,18 @@ fn a_file_that_is_no_socket_and_a_folder_that_will_not_do_are_refused() {
     let (directory, mut settings) = settings();
     fs::write(&settings.socket, "precious").unwrap();
     let refused = serve(&settings).unwrap_err();
-    assert!(matches!(refused.why, BindFault::NotASocket), "{refused}");
+    let text = refused.to_string();
+    assert!(text.contains("a file that is no socket is there"), "{text}");
     assert_eq!(fs::read(&settings.socket).unwrap(), b"precious");
 
     settings.socket = directory.path().join("missing/heading.sock");
-    let refused = serve(&settings).unwrap_err();
-    assert!(
-        matches!(refused.why, BindFault::NoDirectory(_)),
-        "{refused}"
-    );
+    let text = serve(&settings).unwrap_err().to_string();
+    assert!(text.contains("missing does not exist"), "{text}");
 
     // Nobody may make a file there, not even root.
     settings.socket = "/sys/heading.sock".into();
-    let refused = serve(&settings).unwrap_err();
-    assert!(
-        matches!(refused.why, BindFault::NotAllowed { .. })
-            && refused.to_string().contains("let this user write to /sys "),
-        "{refused}"
-    );
+    let text = serve(&settings).unwrap_err().to_string();
+    assert!(text.contains("let this user write to /sys "), "{text}");
 }
 
 #[test]
