@@ -2,21 +2,14 @@
 //! process ends. Each holds the number of its process, so that another can say who has it.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, ErrorKind, Read, Seek, Write};
+use std::io::{self, ErrorKind, Read, Write};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::process;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
-use std::time::Duration;
 
 /// Attempts to lock; each fails if the owner removes the file in between.
 const ATTEMPTS: usize = 100;
-
-/// Attempts to read the holder's process number; the holder writes it right after it takes the lock.
-const LOOKS: usize = 10;
-
-/// Between two looks.
-const PAUSE: Duration = Duration::from_millis(2);
 
 /// Longest content, bytes: a number and the end of its line.
 const LONGEST: u64 = 32;
@@ -79,10 +72,10 @@ impl LockFile {
     /// Takes the lock, or says who has it.
     fn take(path: &Path) -> Result<Self, LockError> {
         for _ in 0..ATTEMPTS {
-            let (mut file, writable) = open(path).map_err(LockError::System)?;
+            let (file, writable) = open(path).map_err(LockError::System)?;
             match file.try_lock() {
                 Ok(()) => {}
-                Err(TryLockError::WouldBlock) => return Err(LockError::Held(holder(&mut file))),
+                Err(TryLockError::WouldBlock) => return Err(LockError::Held(holder(&file))),
                 // Some file systems have no locks. There, carry on as if no other daemon existed.
                 Err(TryLockError::Error(error)) if is_unsupported(&error) => tracing::warn!(
                     "cannot lock {}, so two daemons would not notice each other there: {error}",
@@ -180,18 +173,11 @@ fn open(path: &Path) -> io::Result<(File, io::Result<()>)> {
     Ok((file, writable))
 }
 
-/// The process that has signed it, or is about to.
-fn holder(file: &mut File) -> Option<u32> {
-    for _ in 0..LOOKS {
-        let mut text = String::new();
-        file.rewind().ok()?;
-        file.take(LONGEST).read_to_string(&mut text).ok()?;
-        if let Some(line) = text.strip_suffix('\n') {
-            return line.parse().ok();
-        }
-        std::thread::sleep(PAUSE);
-    }
-    None
+/// The process that has signed it; none has for a moment after the lock is taken.
+fn holder(file: &File) -> Option<u32> {
+    let mut text = String::new();
+    file.take(LONGEST).read_to_string(&mut text).ok()?;
+    text.strip_suffix('\n')?.parse().ok()
 }
 
 fn is_unsupported(error: &io::Error) -> bool {
@@ -225,20 +211,6 @@ mod tests {
         drop(lock);
         assert!(!path.exists());
         LockFile::take(&path).unwrap();
-    }
-
-    #[test]
-    fn whoever_is_about_to_sign_is_waited_for() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("lock");
-        let lock = File::create(&path).unwrap();
-        lock.lock().unwrap();
-        assert!(matches!(LockFile::take(&path), Err(LockError::Held(None))));
-        writeln!(&lock, "17").unwrap();
-        assert!(matches!(
-            LockFile::take(&path),
-            Err(LockError::Held(Some(17)))
-        ));
     }
 
     #[test]
