@@ -71,52 +71,37 @@ pub fn identify(
 
 /// The magnetometer that answers in place of the wanted one, if one does.
 fn other(bus: &mut dyn Bus, clock: &mut dyn Clock, wanted: &'static str) -> Option<ChipError> {
-    let found = MAGNETOMETERS
-        .iter()
-        .find(|driver| answers(driver, bus, clock));
-    let (address, found, help) = match found {
-        Some(driver) => (
-            driver.address(),
-            driver.name,
-            "set i2c.magnetometer = \"auto\"",
-        ),
-        None => {
-            let (address, _, name) = UNSUPPORTED.iter().find(|chip| is_there(bus, chip))?;
-            (
-                *address,
-                *name,
-                "headingd does not support it: get a board with an HMC5883L or a QMC5883L",
-            )
-        }
-    };
-    Some(ChipError::Clone {
-        wanted,
-        address,
-        found,
-        help,
+    const SUPPORTED: &str = "set i2c.magnetometer = \"auto\"";
+    const NOT_SUPPORTED: &str =
+        "headingd does not support it: get a board with an HMC5883L or a QMC5883L";
+    let drivers = MAGNETOMETERS.iter();
+    let supported = drivers.map(|driver| (driver.address(), SUPPORTED));
+    let others = UNSUPPORTED.iter().map(|chip| (chip.0, NOT_SUPPORTED));
+    supported.chain(others).find_map(|(address, help)| {
+        let found = magnetometer_at(bus, clock, address)?;
+        Some(ChipError::Clone {
+            wanted,
+            address,
+            found,
+            help,
+        })
     })
 }
 
-/// Whether a chip of this driver answers. Only its identity is read.
-fn answers(driver: &Driver, bus: &mut dyn Bus, clock: &mut dyn Clock) -> bool {
-    (driver.identify)(bus, clock, Some(driver.chips[0])).is_ok()
-}
-
-/// Whether this magnetometer, which headingd cannot read, answers.
-fn is_there(bus: &mut dyn Bus, (address, identity, _): &(u8, u8, &str)) -> bool {
-    read_byte(bus, *address, 0) == Ok(*identity)
+/// The magnetometer that answers at an address, also one that headingd cannot read. Only its identity is read.
+fn magnetometer_at(bus: &mut dyn Bus, clock: &mut dyn Clock, address: u8) -> Option<&'static str> {
+    let mut drivers = MAGNETOMETERS.iter();
+    if let Some(driver) = drivers.find(|driver| driver.address() == address) {
+        let found = (driver.identify)(bus, clock, Some(driver.chips[0]));
+        return found.is_ok().then_some(driver.name);
+    }
+    let (_, identity, name) = UNSUPPORTED.iter().find(|chip| chip.0 == address)?;
+    (read_byte(bus, address, 0) == Ok(*identity)).then_some(*name)
 }
 
 /// The name of the chip that answers at an address, or "unknown".
 pub fn name(bus: &mut dyn Bus, clock: &mut dyn Clock, address: u8) -> &'static str {
-    let mut magnetometers = MAGNETOMETERS.iter();
-    let magnetometer =
-        magnetometers.find(|driver| driver.address() == address && answers(driver, bus, clock));
-    if let Some(driver) = magnetometer {
-        return driver.name;
-    }
-    let mut unsupported = UNSUPPORTED.iter();
-    if let Some((_, _, name)) = unsupported.find(|chip| chip.0 == address && is_there(bus, chip)) {
+    if let Some(name) = magnetometer_at(bus, clock, address) {
         return name;
     }
     let (gyros, accels) = companions(Companions::Auto, address, address);
