@@ -86,9 +86,9 @@ impl Header {
 pub struct Entry {
     /// The reading.
     pub reading: Reading,
-    /// True heading of body X at that time, if the log knows it: radians in [0, 2π), clockwise from
+    /// True heading of body X at that time, if the log knows it: degrees in [0, 360), clockwise from
     /// magnetic north.
-    pub heading_truth_rad: Option<f64>,
+    pub heading_truth_deg: Option<f64>,
 }
 
 /// Why a log cannot be read, or not any further; the text names the log.

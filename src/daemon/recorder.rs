@@ -291,7 +291,7 @@ impl RecorderThread {
                     }
                     let entry = Entry {
                         reading,
-                        heading_truth_rad: None,
+                        heading_truth_deg: None,
                     };
                     // A row that cannot be written is not buffered either, so that it can be written again.
                     bytes += self.retrying(|| log.write(&entry))?;

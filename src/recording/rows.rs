@@ -104,7 +104,7 @@ impl Rows {
                 rate_rad_s: self.vector(&cells, GYRO)?,
                 specific_force_m_s2: self.vector(&cells, ACCEL)?,
             },
-            heading_truth_rad: cells[HEADING].map(|deg| wrap_360(deg).to_radians()),
+            heading_truth_deg: cells[HEADING].map(wrap_360),
         })
     }
 

@@ -99,12 +99,12 @@ impl Simulator {
         self.motion.attitude(t_s).inverse_transform_vector(&earth)
     }
 
-    /// Heading of body X in [0, 2π), where it has one.
-    fn heading_rad(&self, t_s: f64) -> Option<f64> {
+    /// Heading of body X in [0, 360), degrees, where it has one.
+    fn heading_deg(&self, t_s: f64) -> Option<f64> {
         let forward = self.motion.attitude(t_s) * Vector3::x();
         let heading_deg = wrap_360(forward.y.atan2(forward.x).to_degrees());
         (forward.z.abs() < NO_HEADING_DEG.to_radians().cos())
-            .then(|| wrap_360(rounded(heading_deg, 4)).to_radians())
+            .then(|| wrap_360(rounded(heading_deg, 4)))
     }
 
     fn mag_entry(&mut self, t_s: f64) -> Entry {
@@ -127,7 +127,7 @@ impl Simulator {
                 field_mgauss: Some(counted(raw_mgauss)),
                 ..Reading::default()
             },
-            heading_truth_rad: self.heading_rad(t_s),
+            heading_truth_deg: self.heading_deg(t_s),
         }
     }
 
@@ -147,7 +147,7 @@ impl Simulator {
                 rate_rad_s: settings.with_gyro.then(|| rate.map(|n| rounded(n, 5))),
                 specific_force_m_s2: settings.with_accel.then(|| force.map(|n| rounded(n, 4))),
             },
-            heading_truth_rad: None,
+            heading_truth_deg: None,
         }
     }
 }

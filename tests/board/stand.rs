@@ -121,7 +121,7 @@ fn stand(bus: &str, log: &str, socket: &str) -> Outcome<()> {
     let begun_s = SystemTime::now().duration_since(UNIX_EPOCH)?.as_secs_f64() - clock.now_s();
     let truth: Vec<(f64, f64)> = entries
         .iter()
-        .filter_map(|entry| Some((entry.reading.t_s, entry.heading_truth_rad?.to_degrees())))
+        .filter_map(|entry| Some((entry.reading.t_s, entry.heading_truth_deg?)))
         .collect();
     let stream = UnixStream::connect(socket)?;
     let listener = thread::spawn(move || listen(stream, begun_s, &truth, &over));

@@ -12,8 +12,8 @@ use crate::rig::{FAST, LONG, Rig, apart_deg, finished, log, long, until};
 fn error_deg(att: &Value, settings: &Settings) -> f64 {
     let t_s = att["t_s"].as_f64().unwrap();
     let truth = Simulator::new(settings.clone())
-        .find(|entry| (entry.reading.t_s - t_s).abs() < 1e-6 && entry.heading_truth_rad.is_some());
-    let truth_deg = truth.unwrap().heading_truth_rad.unwrap().to_degrees();
+        .find(|entry| (entry.reading.t_s - t_s).abs() < 1e-6 && entry.heading_truth_deg.is_some());
+    let truth_deg = truth.unwrap().heading_truth_deg.unwrap();
     let heading_deg = att["mheading"].as_f64().unwrap();
     apart_deg(heading_deg, truth_deg)
 }

@@ -549,7 +549,7 @@ fn a_turn_about_a_level_axis_leaves_the_calibration_to_motion() {
     };
     let entries = carried(72.0, lies, |_, rate| rate).map(|reading| Entry {
         reading,
-        heading_truth_rad: None,
+        heading_truth_deg: None,
     });
     let folder = Folder::new();
     let log = folder.file("a.csv", log(&(Header::default(), entries.collect())));

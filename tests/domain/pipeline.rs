@@ -543,7 +543,7 @@ fn endless(lasts_s: f64, locked_from_s: f64, magnet_mgauss: f64) -> Vec<Option<(
         for action in std::mem::take(&mut actions) {
             match action {
                 Action::Publish(heading) if heading.t_s > lasts_s - 600.0 => {
-                    let truth = entry.heading_truth_rad.unwrap().to_degrees();
+                    let truth = entry.heading_truth_deg.unwrap();
                     let off_deg = heading.fused_deg.map(|deg| apart_deg(deg, truth));
                     last.push(off_deg.zip(heading.sd_deg));
                 }

@@ -70,8 +70,8 @@ fn errors_deg(lines: &[Value], entries: &[Entry], key: &str) -> Vec<f64> {
     let mut errors = Vec::new();
     for (att, entry) in atts.iter().zip(truth) {
         assert!((t_s(att) - entry.reading.t_s).abs() < 1e-6);
-        if let (Some(heading), Some(truth)) = (att.get(key), entry.heading_truth_rad) {
-            errors.push(apart_deg(heading.as_f64().unwrap(), truth.to_degrees()));
+        if let (Some(heading), Some(truth)) = (att.get(key), entry.heading_truth_deg) {
+            errors.push(apart_deg(heading.as_f64().unwrap(), truth));
         }
     }
     errors

@@ -155,8 +155,7 @@ pub fn log(path: &Path) -> Option<Log> {
     let rows = replay
         .map(|entry| {
             let entry = entry.unwrap_or_else(|error| panic!("{error}"));
-            let truth = entry.heading_truth_rad.map(f64::to_degrees);
-            (entry.reading, truth)
+            (entry.reading, entry.heading_truth_deg)
         })
         .collect();
     Some((mountings, rows))

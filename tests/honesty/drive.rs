@@ -113,8 +113,7 @@ impl Awaited {
             let kept = score.readings.iter_mut().flatten().rev();
             for entry in kept.take_while(|entry| entry.reading.t_s >= t_s) {
                 if entry.reading.t_s == t_s {
-                    entry.heading_truth_rad =
-                        truth_deg.map(|deg| deg.rem_euclid(360.0).to_radians());
+                    entry.heading_truth_deg = truth_deg.map(|deg| deg.rem_euclid(360.0));
                 }
             }
             if let Some(shown) = shown {
@@ -248,7 +247,7 @@ fn keep(score: &mut Score, reading: Reading) {
     if let Some(readings) = &mut score.readings {
         readings.push(Entry {
             reading,
-            heading_truth_rad: None,
+            heading_truth_deg: None,
         });
     }
 }

@@ -8,7 +8,7 @@ use headingd::recording::Writer;
 use headingd::sensor::simulator::{Settings, Simulator};
 use rand::{Rng, RngExt};
 
-/// The true headings of the samples that may be published, radians, by time in microseconds.
+/// The true headings of the samples that may be published, degrees, by time in microseconds.
 pub type Truth = BTreeMap<u64, f64>;
 
 /// A time as a key.
@@ -46,7 +46,7 @@ pub fn write(path: &Path, rng: &mut impl Rng) -> Truth {
         if let Some(field) = &mut entry.reading.field_mgauss {
             if t_s > 25.0 && rng.random_bool(0.01) {
                 field[rng.random_range(0..3)] = None;
-            } else if let Some(heading) = entry.heading_truth_rad {
+            } else if let Some(heading) = entry.heading_truth_deg {
                 truth.insert(micros(t_s), heading);
             }
         }

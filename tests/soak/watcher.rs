@@ -47,7 +47,7 @@ pub fn watch(mut client: Client, truth: Arc<Truth>, seen: Arc<Seen>) -> JoinHand
                         continue;
                     };
                     seen.headings.fetch_add(1, Ordering::Relaxed);
-                    let right = truth.get(&micros(t_s)).map(|right| right.to_degrees());
+                    let right = truth.get(&micros(t_s)).copied();
                     let right = right.unwrap_or_else(|| panic!("of no sample: {message}"));
                     assert!(is_fresh(&message), "{message}");
                     let off = apart_deg(heading.as_f64().unwrap(), right);

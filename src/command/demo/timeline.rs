@@ -99,7 +99,7 @@ impl Timeline {
         let entry = self
             .simulator
             .find(|entry| entry.reading.field_mgauss.is_some() && entry.reading.t_s > from_s)?;
-        entry.heading_truth_rad.map(f64::to_degrees)
+        entry.heading_truth_deg
     }
 
     fn state(&mut self, state: &Value) -> String {

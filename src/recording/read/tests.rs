@@ -38,7 +38,7 @@ fn units_become_ours() {
         reading.specific_force_m_s2,
         Some(Vector3::new(19.6133, 0.0, -9.80665))
     );
-    assert_eq!(entry.heading_truth_rad, Some(270f64.to_radians()));
+    assert_eq!(entry.heading_truth_deg, Some(270.0));
 
     for (unit, first) in [
         ("mgauss", 2.6),
@@ -101,7 +101,7 @@ fn a_bad_row_is_named_and_the_next_one_read() {
 fn a_bad_true_value_costs_only_itself() {
     let text = format!("{HEAD}7,1,2,3,,,,,,,90\n8,1,2,3,,,,,,,999\n9,1,2,3,,,,,,,null\n");
     let (kept, skips) = read(text.as_bytes());
-    let truths = kept.iter().map(|entry| entry.heading_truth_rad.is_some());
+    let truths = kept.iter().map(|entry| entry.heading_truth_deg.is_some());
     assert!(truths.eq([true, false, false]) && skips.count == 0);
 }
 

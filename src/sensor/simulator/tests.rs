@@ -23,7 +23,7 @@ fn a_level_board_at_heading_90_sees_the_horizontal_field_to_its_left() {
     let end_s = simulator.duration_s();
     let field = simulator.true_field_mgauss(end_s);
     assert!((field - Vector3::new(0.0, -162.8, 526.7)).norm() < 1e-9);
-    assert_eq!(simulator.heading_rad(end_s), Some(90f64.to_radians()));
+    assert_eq!(simulator.heading_deg(end_s), Some(90.0));
     let last = simulator
         .filter(|e| e.reading.field_mgauss.is_some())
         .last();
@@ -99,7 +99,7 @@ fn the_chips_tick_apart_and_in_order() {
     for entry in &entries {
         let mag = entry.reading.field_mgauss.is_some();
         assert_eq!(entry.reading.rate_rad_s.is_some(), !mag);
-        assert_eq!(entry.heading_truth_rad.is_some(), mag);
+        assert_eq!(entry.heading_truth_deg.is_some(), mag);
     }
     let mag = entries.iter().filter(|e| e.reading.field_mgauss.is_some());
     assert!((mag.count() as i32 - 820).abs() < 5);
@@ -158,7 +158,7 @@ fn a_board_that_points_up_has_no_heading() {
         ..Settings::default()
     });
     let mag = steep.filter(|e| e.reading.field_mgauss.is_some());
-    let (with, without): (Vec<_>, Vec<_>) = mag.partition(|e| e.heading_truth_rad.is_some());
+    let (with, without): (Vec<_>, Vec<_>) = mag.partition(|e| e.heading_truth_deg.is_some());
     // But for the rests, its pitch passes all angles evenly: 40° of 360 are too near to the vertical.
     let share = without.len() as f64 / (with.len() + without.len()) as f64;
     assert!((share - 1.0 / 9.0).abs() < 0.02, "{share}");
