@@ -44,13 +44,8 @@ pub(super) struct SensorData {
 
 /// All rotations that take each axis to one, or its opposite.
 pub(super) fn axes() -> Vec<Matrix3<f64>> {
-    let matrices = signed_axes().map(|rows| {
-        let mut matrix = Matrix3::zeros();
-        for (row, (column, sign)) in rows.into_iter().enumerate() {
-            matrix[(row, column)] = sign;
-        }
-        matrix
-    });
+    let row = |(column, sign)| Vector3::ith(column, sign).transpose();
+    let matrices = signed_axes().map(|rows| Matrix3::from_rows(&rows.map(row)));
     matrices
         .filter(|matrix| matrix.determinant() > 0.0)
         .collect()

@@ -1,7 +1,7 @@
 //! `headingd align` on logs of simulated boards whose chips lie in every way.
 
 use headingd::alignment::{AccelerometerReads, AlignmentError, align};
-use headingd::frame::{Mounting, Mountings};
+use headingd::frame::{Mounting, Mountings, signed_axes};
 use headingd::reading::Reading;
 use headingd::recording::{Entry, Header};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -95,23 +95,6 @@ fn axes(text: &str) -> Mounting {
     text.parse().unwrap()
 }
 
-/// Every rotation and mirror image of signed axes.
-fn all_axes() -> Vec<Mounting> {
-    let mut all = Vec::new();
-    for order in ["xyz", "yzx", "zxy", "yxz", "zyx", "xzy"] {
-        for signs in 0..8 {
-            let words: Vec<String> = (0..3)
-                .map(|i| {
-                    let sign = if signs & (1 << i) == 0 { '+' } else { '-' };
-                    format!("{sign}{}", &order[i..=i])
-                })
-                .collect();
-            all.push(axes(&words.join(" ")));
-        }
-    }
-    all
-}
-
 /// Whether what was found differs from the truth by a rotation of all chips about the vertical, if at all.
 fn same_but_for_ahead(found: &Mountings, truth: &Mountings) -> bool {
     let common = truth.gyro.rotation() * found.gyro.rotation().transpose();
@@ -126,8 +109,9 @@ fn same_but_for_ahead(found: &Mountings, truth: &Mountings) -> bool {
 
 #[test]
 fn every_way_in_which_chips_lie_is_found() {
-    let right: Vec<Mounting> = all_axes()
-        .into_iter()
+    let row = |(column, sign)| Vector3::ith(column, sign).transpose();
+    let right: Vec<Mounting> = signed_axes()
+        .map(|rows| Mounting::from_matrix(Matrix3::from_rows(&rows.map(row))).unwrap())
         .filter(|one| !one.is_mirrored())
         .collect();
     assert_eq!(right.len(), 24);
