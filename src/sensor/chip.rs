@@ -116,7 +116,7 @@ impl<T: PartialEq> RepeatWatch<T> {
     /// its last reading is still frozen.
     pub fn take(&mut self, chip: &'static str, raw: T) -> Result<(), ChipError> {
         if self.last.as_ref() == Some(&raw) {
-            self.same += 1;
+            self.same = self.same.saturating_add(1);
         } else {
             self.same = 1;
             self.last = Some(raw);

@@ -7,6 +7,7 @@
 
 use super::Item;
 use super::razor::{RazorFrame, reading};
+use crate::sensor::chip::RepeatWatch;
 
 /// Bytes of a frame.
 const FRAME: usize = 36;
@@ -14,9 +15,6 @@ const FRAME: usize = 36;
 const MARK: &[u8] = b"#SYNCH01\r\n";
 /// Raw counts have 16 bits, with or without a sign.
 const MOST: f32 = 65536.0;
-/// Noise moves a sensor's numbers from frame to frame. After so many that are equal (half a second) it is
-/// taken as not read.
-const STILL: u32 = 25;
 
 /// Bytes in, frames out.
 #[derive(Debug)]
@@ -28,8 +26,8 @@ pub struct RazorBinary {
     pub(super) aligned: bool,
     /// Bytes passed over since the last complaint.
     passed: usize,
-    last: [[f32; 3]; 3],
-    still: [u32; 3],
+    /// A sensor whose numbers repeat for 0.4 s is taken as not read.
+    repeats: [RepeatWatch<[f32; 3]>; 3],
 }
 
 impl RazorBinary {
@@ -40,8 +38,7 @@ impl RazorBinary {
             pending: Vec::with_capacity(2 * FRAME),
             aligned: false,
             passed: 0,
-            last: [[f32::NAN; 3]; 3],
-            still: [0; 3],
+            repeats: Default::default(),
         }
     }
 
@@ -118,18 +115,12 @@ impl RazorBinary {
     }
 
     fn frame(&mut self, numbers: [[f32; 3]; 3]) -> RazorFrame {
-        let fresh = std::array::from_fn(|sensor| {
-            let same = numbers[sensor] == self.last[sensor];
-            self.still[sensor] = if same {
-                self.still[sensor].saturating_add(1)
-            } else {
-                0
-            };
-            let counts = numbers[sensor].map(|n| Some(f64::from(n)));
-            (self.still[sensor] < STILL).then_some(counts)
-        });
-        self.last = numbers;
-        fresh
+        std::array::from_fn(|sensor| {
+            let fresh = self.repeats[sensor].take("Razor", numbers[sensor]);
+            fresh
+                .ok()
+                .map(|()| numbers[sensor].map(|n| Some(f64::from(n))))
+        })
     }
 }
 
