@@ -3,7 +3,7 @@
  * with noise, on a level board; the field is that of `headingd simulate`, so that a calibration on such a log fits.
  *
  * Variables of the environment:
- *   BUS_MAGNETOMETER  what is there in place of an HMC5843: "qmc5883l", or "fake", which answers "H43" and never measures
+ *   BUS_MAGNETOMETER  what is there in place of an HMC5843: "qmc5883l"
  *   BUS_BOARD         "stick": the chips lie as on SparkFun's 9DOF Sensor Stick; else all along the body's axes
  *   BUS_MOTION        "turn": rests 4 s, turns by 400 degrees in 8 s, is swung about in 12 s, and begins again; else it rests */
 #define _GNU_SOURCE
@@ -25,10 +25,6 @@ static uint8_t address_of[1024];
 static int says(const char *variable, const char *word) {
     const char *said = getenv(variable);
     return said && strcmp(said, word) == 0;
-}
-
-static int is(const char *magnetometer) {
-    return says("BUS_MAGNETOMETER", magnetometer);
 }
 
 static uint32_t noise(void) {
@@ -168,7 +164,7 @@ static void measure(uint8_t address) {
         if (at[0x09] & 1)
             memcpy(at, data, sizeof data);
         slot = current;
-    } else if (address == 0x1e && current != slot && !is("fake")) {
+    } else if (address == 0x1e && current != slot) {
         measure_hmc5843(at);
         slot = current;
     } else if (address == 0x68) {
@@ -194,7 +190,7 @@ static void measure(uint8_t address) {
 
 /* An HMC5843 has no averaging: of its first register it keeps the rate and the self-test alone. */
 static int keeps_all_bits(uint8_t address, uint8_t command) {
-    return address != 0x1e || command != 0 || is("fake");
+    return address != 0x1e || command != 0;
 }
 
 int ioctl(int file, unsigned long request, ...) {
@@ -212,7 +208,7 @@ int ioctl(int file, unsigned long request, ...) {
         return 0;
     uint8_t address = address_of[file];
     struct i2c_smbus_ioctl_data *transfer = argument;
-    if (address != (is("qmc5883l") ? 0x0d : 0x1e) && address != 0x68 && address != 0x53) {
+    if (address != (says("BUS_MAGNETOMETER", "qmc5883l") ? 0x0d : 0x1e) && address != 0x68 && address != 0x53) {
         errno = ENXIO;
         return -1;
     }

@@ -84,19 +84,6 @@ fn a_qmc5883l_is_found_and_read() {
 }
 
 #[test]
-fn a_chip_that_answers_h43_and_never_measures_is_a_fault_of_its_own() {
-    let rig = Rig::new(1.0, "kind = \"i2c\"\n[i2c]\nbus = 9\n");
-    let mut process = on_bus(&rig, &[("BUS_MAGNETOMETER", "fake")], &["run"]);
-    let mut client = rig.client();
-    let state = client.find("STATE", |state| state["cal_state"] == "fault");
-    assert_eq!(state["reason"], "fake_hmc5883l");
-    let message = state["message"].as_str().unwrap();
-    assert!(message.contains("revision A"), "{message}");
-    let said = process.stop();
-    assert_eq!(said.matches("revision A").count(), 1, "{said}");
-}
-
-#[test]
 fn a_stick_is_checked_and_turned_as_a_new_user_would() {
     let rig = Rig::new(
         1.0,

@@ -93,20 +93,6 @@ async fn a_sleeper_in_a_process_of_its_own() {
 }
 
 #[tokio::test]
-async fn a_client_that_takes_nothing_is_let_go() {
-    let rig = rig(|settings| settings.write_timeout_s = 0.1);
-    let _sleeper = rig.watcher("{\"enable\":true}").await;
-    assert_eq!(rig.publisher.clients(), 1);
-    until("the sleeper is let go", || {
-        for seq in 0..50 {
-            rig.heading(seq);
-        }
-        rig.publisher.clients() == 0
-    })
-    .await;
-}
-
-#[tokio::test]
 async fn little_is_kept_for_a_client_that_takes_nothing() {
     let rig = rig(|_| {});
     let sleeper = rig.watcher("{\"enable\":true}").await;
