@@ -15,7 +15,7 @@ use rustix::termios::{
 
 use super::lines::HeadingLines;
 use crate::check::{absolute_or_empty, settings};
-use crate::lock_file::LockFile;
+use crate::lock_file::{LockFile, OwnFile};
 
 /// Headings are no secret, and what is written to it is thrown away; programs open a port for both.
 const MODE: u32 = 0o666;
@@ -34,24 +34,9 @@ pub(super) struct Pty {
     ours: File,
     /// The program's side, held open: otherwise writes fail while no program has the port open.
     theirs: OwnedFd,
-    _link: PortLink,
+    _link: OwnFile,
     /// Another daemon would make its own link in place of ours.
     _lock: LockFile,
-}
-
-/// A link that is removed in the end.
-struct PortLink {
-    path: PathBuf,
-    port: PathBuf,
-}
-
-impl Drop for PortLink {
-    fn drop(&mut self) {
-        // Whatever somebody else has put there stays.
-        if fs::read_link(&self.path).is_ok_and(|port| port == self.port) {
-            let _ = fs::remove_file(&self.path);
-        }
-    }
 }
 
 impl Pty {
@@ -87,10 +72,7 @@ impl Pty {
         Ok(Self {
             ours: ours.into(),
             theirs,
-            _link: PortLink {
-                path: path.to_owned(),
-                port: port.into(),
-            },
+            _link: OwnFile::new(path, &fs::symlink_metadata(path)?),
             _lock: lock,
         })
     }
