@@ -16,6 +16,11 @@ impl Config {
             let right = "the path of the serial port, best one in /dev/serial/by-id";
             faults.push((Fault::new("serial.port", "empty", right), "source.kind"));
         }
+        // Beside the heading socket its name may be the longer one.
+        if let Some(fault) = self.control.check_path(&self.socket.socket) {
+            let key = "control.socket".to_owned();
+            faults.push((Fault { key, ..fault }, "socket.socket"));
+        }
         faults.extend(self.shared_paths());
         faults
     }
@@ -149,6 +154,23 @@ mod tests {
             );
             assert_eq!(error.lines().count(), 1, "{error}");
         }
+    }
+
+    #[test]
+    fn the_control_socket_beside_a_heading_socket_must_fit_too() {
+        let folder = "x".repeat(87);
+        let text = format!("[socket]\nsocket = \"/{folder}/h.sock\"\n");
+        let error = Config::parse("file.toml", &text).unwrap_err();
+        let right = format!(
+            "file.toml:2: control.socket is \"/{folder}/control.sock\" (101 bytes), but must be an absolute path of up to 100 \
+             bytes"
+        );
+        assert_eq!(error, right);
+        Config::parse(
+            "file.toml",
+            &(text + "[control]\nsocket = \"/run/c.sock\"\n"),
+        )
+        .unwrap();
     }
 
     #[test]

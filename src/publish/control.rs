@@ -18,7 +18,7 @@ use tokio::sync::{mpsc, oneshot};
 
 use super::clients::{ClientSocket, serve_clients};
 use super::socket_file::{BindError, OpenSocket, right_mode, right_path};
-use crate::check::settings;
+use crate::check::{Fault, settings};
 pub use answer::Answer;
 pub use request::ControlRequest;
 
@@ -51,6 +51,11 @@ impl Settings {
         } else {
             self.socket.clone()
         }
+    }
+
+    /// What is wrong with that place, if anything is.
+    pub(crate) fn check_path(&self, heading_socket: &Path) -> Option<Fault> {
+        right_path(&self.path(heading_socket)).err()
     }
 }
 
