@@ -22,7 +22,7 @@ use crate::reading::Reading;
 
 pub(crate) use checksum::check as check_row;
 pub(crate) use columns::names_columns;
-pub(crate) use header::{HeaderLines, gives_key};
+pub(crate) use header::{HeaderLines, gives_key, version};
 pub(crate) use lines::{CutLine, LineCutter};
 pub(crate) use read::Reader;
 pub(crate) use rows::Rows;

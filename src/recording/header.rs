@@ -48,7 +48,7 @@ pub struct HeaderLines {
 impl HeaderLines {
     /// Takes the first line, `# headingd-log 1`.
     pub fn begin(text: &str) -> Result<Self, String> {
-        check_version(text.trim_start_matches('\u{feff}'))?;
+        check_version(text)?;
         Ok(Self {
             count: 1,
             ..Self::default()
@@ -248,19 +248,21 @@ fn next_line<'a, R: BufRead>(
     Err(wrong(log, before + 1, what))
 }
 
+/// The version in the first line of a log, if it is one.
+pub fn version(text: &str) -> Option<u32> {
+    let comment = text.trim_start_matches('\u{feff}').strip_prefix('#')?;
+    comment.trim().strip_prefix(MAGIC)?.trim().parse().ok()
+}
+
 fn check_version(text: &str) -> Result<(), String> {
-    let version = text
-        .strip_prefix('#')
-        .and_then(|rest| rest.trim().strip_prefix(MAGIC))
-        .map(str::trim);
-    match version.map(str::parse::<u32>) {
-        Some(Ok(VERSION)) => Ok(()),
-        Some(Ok(newer)) if newer > VERSION => Err(format!(
+    match version(text) {
+        Some(VERSION) => Ok(()),
+        Some(newer) if newer > VERSION => Err(format!(
             "the log has format version {newer}, but this headingd reads version {VERSION}; a newer headingd may read it"
         )),
         _ => Err(format!(
             "the first line is {}, but must be \"# {MAGIC} {VERSION}\"",
-            shown(text.as_bytes())
+            shown(text.trim_start_matches('\u{feff}').as_bytes())
         )),
     }
 }

@@ -11,7 +11,7 @@ use super::shown;
 use crate::frame::{Mounting, Mountings};
 use crate::reading::Field;
 use crate::recording::{
-    CutLine, HeaderLines, LineCutter, Rows, check_row, gives_key, names_columns,
+    CutLine, HeaderLines, LineCutter, Rows, check_row, gives_key, names_columns, version,
 };
 
 /// Rows count without a header after this time, seconds of their own clock: the sketch of docs/serial.md repeats its header
@@ -104,10 +104,15 @@ impl LogRows {
         // A damaged byte must not make a line of the header a remark: its unit would be lost.
         let text = String::from_utf8_lossy(line);
         let is_header = text.trim_start_matches('\u{feff}').starts_with('#') || names_columns(line);
-        if is_header && let Ok(begun) = HeaderLines::begin(&text) {
-            self.header = Some(begun);
-            self.heard_header();
-            return;
+        if is_header {
+            match HeaderLines::begin(&text) {
+                Ok(begun) => {
+                    self.header = Some(begun);
+                    return self.heard_header();
+                }
+                Err(what) if version(&text).is_some() => return self.refuse_header(what, found),
+                Err(_) => {}
+            }
         }
         match &mut self.header {
             Some(header) if is_header => match header.add(&text) {
@@ -125,11 +130,7 @@ impl LogRows {
                         found(Item::NewUnits);
                     }
                 }
-                Err(what) => {
-                    self.header = None;
-                    self.header_fault = Some(what.clone());
-                    found(Item::BadHeader(what));
-                }
+                Err(what) => self.refuse_header(what, found),
             },
             // Its beginning was lost, or it is a remark. Rows wait for the next whole header; a device that sends it only at its
             // reset must be reset.
@@ -148,6 +149,12 @@ impl LogRows {
                 }
             }
         }
+    }
+
+    fn refuse_header(&mut self, what: String, found: &mut impl FnMut(Item)) {
+        self.header = None;
+        self.header_fault = Some(what.clone());
+        found(Item::BadHeader(what));
     }
 
     /// Once a sign of a header has come, rows without one no longer count.

@@ -413,6 +413,23 @@ fn rows_after_a_wrong_header_say_what_is_wrong_with_it_and_remarks_are_no_header
     assert!(readings(&items).len() > 300, "{}", readings(&items).len());
 }
 
+#[test]
+fn rows_after_the_header_of_a_newer_version_say_so() {
+    let newer = HEADER.replace("log 1", "log 2");
+    let items = of_rows(&[format!("x\n{newer}1,2,3,4\n2,2,3,4\n").as_bytes()]);
+    assert!(readings(&items).is_empty(), "{items:?}");
+    for why in bad(&items) {
+        assert!(why.contains("format version 2"), "{items:?}");
+    }
+    assert_eq!(bad(&items).len(), 3);
+    let known = format!("{newer}{HEADER}3,2,3,4\n");
+    assert_eq!(readings(&of_rows(&[known.as_bytes()])).len(), 1);
+    // A greeting is no header.
+    let rows = sketch_rows(7.0, 900);
+    let greeting = format!("# headingd-log, a sketch\n{rows}");
+    assert!(!readings(&of_rows(&[greeting.as_bytes()])).is_empty());
+}
+
 /// One bit of a byte, as on a bad cable. Without its unit, a field would be ten times too weak.
 #[test]
 fn a_header_line_that_is_no_text_is_wrong_and_a_remark_in_latin_1_is_none() {
