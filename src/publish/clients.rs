@@ -86,11 +86,9 @@ where
                 }
             }
             Some(Err(error)) => {
-                // Usually out of file descriptors; the client stays in the backlog. Logged once per episode.
+                // Logged once per episode.
                 if pause.is_none() {
-                    tracing::warn!(
-                        "cannot accept a client, will try again: {error}; {OUT_OF_FILES}"
-                    );
+                    tracing::warn!("{error}");
                 }
                 pause = Some(pause.map_or(PAUSES.0, |last: Duration| (last * 2).min(PAUSES.1)));
             }
@@ -113,13 +111,18 @@ where
 async fn accept(
     listener: &UnixListener,
     pause: Option<Duration>,
-) -> io::Result<(UnixStream, UCred)> {
+) -> Result<(UnixStream, UCred), String> {
     if let Some(pause) = pause {
         sleep(pause).await;
     }
-    let (stream, _) = listener.accept().await?;
-    let peer = stream.peer_cred()?;
-    Ok((stream, peer))
+    let (stream, _) = listener.accept().await.map_err(|error| {
+        // Usually out of file descriptors; the client stays in the backlog.
+        format!("cannot accept a client, will try again: {error}; {OUT_OF_FILES}")
+    })?;
+    let peer = stream.peer_cred();
+    peer.map(|peer| (stream, peer)).map_err(|error| {
+        format!("disconnected a client, as the system does not tell who it is: {error}")
+    })
 }
 
 /// Tells a client that there is no room. Its buffer is empty, so that this takes no time and no task.
