@@ -7,7 +7,7 @@ use super::header;
 use super::lines::{CutLine, LogLine, LogLines};
 use super::rows::Rows;
 use super::stretch::{self, DroppedRows, TimeOrder};
-use super::{Entry, Header, RecordingError, Skips, place};
+use super::{Entry, Header, RecordingError, Skips, check_row, place};
 use crate::reading::Reading;
 
 /// The unit of the times is checked on the first 1000 rows, for each of gyro and magnetometer with at least 20 steps.
@@ -155,7 +155,8 @@ impl<R: BufRead> Reader<R> {
             let what = "found a row after another header than the first: split the log there";
             return Err(what.to_owned());
         }
-        self.rows.row(line).map(Some)
+        let (row, _) = check_row(line)?;
+        self.rows.row(row).map(Some)
     }
 
     /// The entry; a row whose time cannot be right is skipped.

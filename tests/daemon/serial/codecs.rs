@@ -512,6 +512,16 @@ proptest! {
     }
 }
 
+/// What stands before the checksum may look like another one.
+#[test]
+fn a_checksum_is_taken_off_once() {
+    let row = "1,2,3,4,note*00";
+    let sum = row.bytes().fold(0, |sum, byte| sum ^ byte);
+    let stream = format!("# headingd-log 1\nt_s,mx,my,mz,text\n{row}*{sum:02X}\n");
+    let items = of_rows(&[stream.as_bytes()]);
+    assert_eq!(readings(&items).len(), 1, "{items:?}");
+}
+
 /// A board that sends checksums, over a line that loses 3 bytes in 1,000: whatever gets through is right.
 #[test]
 fn rows_with_checksums_lose_rows_to_lost_bytes_and_nothing_else() {
