@@ -25,7 +25,7 @@ pub use request::ControlRequest;
 /// Calibrations can be replaced here: the rest of the world stays out.
 const MOST_OPEN: u32 = 0o660;
 
-/// How many clients are served at a time; four of one user.
+/// How many clients are served at a time, at most four of them of one user.
 const MOST_CLIENTS: usize = 8;
 
 /// The name of the socket where the configuration names none.

@@ -8,8 +8,8 @@ use super::gpsd::LINE_END;
 use crate::frame::rounded;
 use crate::heading::Heading;
 
-/// A heading as a line of Signal K: angles in radians, starboard, bow up and turns to starboard positive. Empty where there
-/// is no heading to steer by. `time` is that of the reading, RFC 3339 in UTC, if it is known.
+/// A heading as a line of Signal K: angles in radians; starboard down, bow up and turns to starboard are positive. Empty where
+/// there is no heading to steer by. `time` is that of the reading, RFC 3339 in UTC, if it is known.
 pub fn delta(heading: &Heading, time: Option<&str>) -> String {
     let Some(magnetic_deg) = heading.magnetic_deg() else {
         return String::new();

@@ -42,8 +42,8 @@ impl Rows {
         both.all(|(one, other)| one.factor == other.factor)
     }
 
-    /// True for a remark, and for a repeated line of this log's header (some devices send it again); false for a row. A line of
-    /// another header is an error. `repeated` counts the lines since the first of the header that is being repeated, if one is.
+    /// Whether a line is no row: a remark, or a line of this log's header, which some devices repeat. A line of another header is an
+    /// error. `repeated`: how many of the header's lines have come since its first was repeated.
     pub(super) fn is_known_header(
         &self,
         line: &[u8],

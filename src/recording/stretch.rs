@@ -4,7 +4,7 @@
 //! |---|---|
 //! | up to a second later | it follows; a new stretch begins if the rows before it were dropped since the clock was set back |
 //! | up to a second earlier | it is dropped |
-//! | anything else, and the next row goes on from the last one used, and this one is earlier than the last or later than the next | it is odd: dropped |
+//! | anything else, where the next row goes on from the last one used and this one does not lie between the two | it is odd: dropped |
 //! | else up to a minute later | it follows: the log has a gap |
 //! | anything else, and the next row goes on from this one | the time has jumped: a new stretch begins |
 //! | anything else | it is odd: dropped |

@@ -20,8 +20,8 @@ pub trait Clock {
     fn wait_until(&mut self, t_s: f64) -> bool;
 }
 
-/// Time since boot, with the time for which the machine was suspended: readings then show the gap, in which the board may have turned.
-/// An `Instant` does not count that time.
+/// Time since boot, suspended time included, so that readings show a gap in which the board may have turned; an `Instant` leaves
+/// that time out.
 pub(super) fn since_boot() -> Duration {
     let now = clock_gettime(ClockId::Boottime);
     // The kernel's value is normalised and not negative.

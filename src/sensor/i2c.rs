@@ -159,7 +159,7 @@ impl Chips {
         clock: &mut dyn Clock,
         out: &mut dyn FnMut(SourceEvent) -> bool,
     ) -> Result<(), ChipError> {
-        // A poll that sets the chip up gives no measurement, so that this is when one is read.
+        // `poll` either sets the chip up or reads it; so a measurement that it returns was read now.
         let taken = Instant::now();
         match self.magnetometer.poll(bus, clock) {
             Ok(None) => Ok(()),

@@ -25,7 +25,7 @@ const COUNTS_PER_MGAUSS: f64 = 1.3;
 /// Largest count of its 12 bits.
 const LARGEST_COUNT: f64 = 2047.0;
 const ACCEL_NOISE_M_S2: f64 = 0.03;
-/// The two chips' first readings, so that they never tick together.
+/// When the two chips are first read, seconds: apart, so that they never tick together.
 const MAG_PHASE_S: f64 = 0.003;
 const GYRO_PHASE_S: f64 = 0.0;
 /// Nearer to the vertical than this, body X has no heading worth the name.

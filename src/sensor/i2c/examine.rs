@@ -56,7 +56,7 @@ pub(crate) struct FoundMagnetometer {
 
 impl CheckReport {
     fn problem(&mut self, code: &'static str, message: String) {
-        // Chips are tried more than once: skip a message that repeats an earlier one after the role ("gyro: …").
+        // Chips are tried more than once, and `Chips` puts the role before the message ("gyro: …"): skip one whose rest is known.
         if !self
             .problems
             .iter()

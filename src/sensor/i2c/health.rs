@@ -13,7 +13,7 @@ const QUIET_S: f64 = 2.0;
 
 pub(super) struct Health {
     what: &'static str,
-    /// The state reports that this chip is down, and is logged: such faults are not logged here.
+    /// A fault of this chip becomes the daemon's state, and the state is logged: so it is not logged here.
     vital: bool,
     /// When the chip must be set up; `None` while it works.
     pub(super) set_up_at_s: Option<f64>,

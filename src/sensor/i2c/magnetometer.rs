@@ -196,9 +196,9 @@ impl AtWork {
     }
 
     /// Whether this is a new measurement. RDY need not fall when the data are read or a measurement begins (the data sheet has it low for
-    /// 250 µs alone), so equal counts mean the one before: noise makes measurements differ. Exceptions: a single measurement is
-    /// new after the longest time that it may take, and an overflow has no noise. While a measurement is to be discarded, an equal overflow is
-    /// new only after a slow chip's period: the one before would be discarded instead of the one of the old gain.
+    /// 250 µs), so equal counts are taken for the measurement before: noise makes two differ. Two exceptions: (1) a single measurement is
+    /// new once the longest time for one has passed; (2) an overflow has no noise, so an equal one is new, but while a measurement is to
+    /// be discarded only after a slow chip's period: else the one before would be discarded in place of the one of the old gain.
     fn is_new(&self, sample: &Measurement, memory: &Memory, waited_s: f64) -> bool {
         memory.last != Some(sample.raw)
             || match self.times.single_s {

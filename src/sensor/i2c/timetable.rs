@@ -60,7 +60,8 @@ impl Timetable {
     pub(super) fn failed(&mut self, now_s: f64) {
         self.due_s = now_s + self.period_s;
         if let Some(longest_s) = self.single_s {
-            // The measurement under way stays unread. An early poll would take it for the next one, and be taken for a poll in time.
+            // The measurement under way is never read. A poll that comes too early after the next trigger would find it, and `learn` would
+            // shorten the delay further.
             self.patience_s = longest_s;
             self.looked = false;
             self.measuring_since_s = None;

@@ -17,8 +17,8 @@ use crate::recording::{
 /// Rows count without a header after this time, seconds of their own clock: the sketch of docs/serial.md repeats its header
 /// every 500 rows, 11 s at its 45 Hz, and slower sketches need some more.
 pub(super) const HEADER_S: f64 = 15.0;
-/// Least and most that a row adds to it, seconds: the clock may stand still, and a lost decimal point makes a time a thousand times
-/// as late.
+/// Each row adds its time step to that wait, but no less and no more than this, seconds: the clock may stand still, and a lost
+/// decimal point makes a time a thousand times as late.
 const STEP_S: (f64, f64) = (0.001, 1.0);
 
 /// Bytes in, readings out.

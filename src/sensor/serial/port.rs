@@ -27,7 +27,7 @@ pub(super) fn open(settings: &Settings) -> Result<SerialStream, SourceFault> {
         ),
         ErrorKind::PermissionDenied => fail(
             "permission",
-            "this user may not; join its group, which is dialout as a rule",
+            "permission denied; join the port's group (usually dialout) and log in again",
         ),
         ErrorKind::ResourceBusy | ErrorKind::WouldBlock => fail(
             "busy",

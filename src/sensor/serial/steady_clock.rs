@@ -1,7 +1,7 @@
 //! Times for frames of a device that sends none, but sends them evenly.
 //!
 //! Frames are counted, and their times are those of an even clock fitted beneath their arrivals. A late
-//! frame was delayed; sustained lateness means that frames were lost, and the count goes on behind them.
+//! frame was delayed; sustained lateness means that frames were lost: the count then skips their number.
 
 use super::envelope::Envelope;
 
