@@ -20,6 +20,7 @@ use crate::publish::outputs::{pty, tcp, udp};
 use crate::publish::{control, nmea, server};
 use crate::sensor::{i2c, serial, simulator};
 use crate::{attitude, calibration, frame, pipeline, store, true_north, turn};
+pub use change::Change;
 
 /// A table of the configuration, as the code knows it.
 #[derive(Clone, Debug, PartialEq)]

@@ -10,7 +10,7 @@ use super::source_task::SourceTask;
 use super::thread::Thread;
 use super::{Daemon, DaemonError};
 use crate::calibration::policy::CalibrationOrigin;
-use crate::config::Config;
+use crate::config::{Change, Config};
 use crate::pipeline::Event;
 
 /// A reload waits this long for calibrations: many times what one takes with the usual settings, on a busy board too.
@@ -37,11 +37,7 @@ pub(super) struct Reload {
 }
 
 struct PreparedReload {
-    config: Config,
-    /// The keys that change.
-    keys: Vec<String>,
-    /// Whether other keys change only with a restart.
-    waits: bool,
+    change: Change,
     /// None if the running session can stay.
     session: Option<Box<Session>>,
 }
@@ -111,13 +107,11 @@ impl Daemon {
             None => return Ok(()),
             Some(Err(message)) => self.not_reloaded(&message),
             Some(Ok(PreparedReload {
-                config,
-                keys,
-                waits,
+                change,
                 session: None,
             })) => {
-                match &keys[..] {
-                    [] if waits => {
+                match &change.now[..] {
+                    [] if !change.at_start.is_empty() => {
                         tracing::info!("reloaded: nothing changes without a restart");
                     }
                     [] => tracing::info!("reloaded: nothing has changed"),
@@ -125,20 +119,19 @@ impl Daemon {
                         tracing::info!("reloaded: {}; headings go on as before", keys.join(", "));
                     }
                 }
-                if keys.iter().any(|key| is_north(key)) {
-                    let mut north = North::new(&config);
+                if change.now.iter().any(|key| is_north(key)) {
+                    let mut north = North::new(&change.config);
                     north.take_over(&mut self.session.north);
                     north.start();
                     self.session.north = north;
                     self.handle(Event::Place(None));
                 }
-                self.session.config = config;
+                self.session.config = change.config;
                 self.service.ready();
             }
             Some(Ok(PreparedReload {
-                keys,
+                change,
                 session: Some(mut session),
-                ..
             })) => {
                 // Both may have the same device.
                 self.session.source.stop().await;
@@ -169,7 +162,7 @@ impl Daemon {
                 if started {
                     self.handle(Event::Start);
                 }
-                tracing::info!("reloaded: {}", keys.join(", "));
+                tracing::info!("reloaded: {}", change.now.join(", "));
             }
         }
         if let Some(next) = self.reload.next.take() {
@@ -202,27 +195,21 @@ fn prepare(
 ) -> Result<PreparedReload, String> {
     let wanted = (new.load)()?;
     let change = config.change(&wanted)?;
-    let waits = !change.at_start.is_empty();
-    if waits {
+    if !change.at_start.is_empty() {
         tracing::warn!(
             "changes only with a restart: {}",
             change.at_start.join(", ")
         );
     }
-    let config = change.config;
+    let config = &change.config;
     let needs_no_session = |key: &String| key.starts_with("log.") || is_north(key);
     let session = if change.now.iter().all(needs_no_session) {
         None
     } else {
-        let opened = SourceTask::open(&config)
+        let opened = SourceTask::open(config)
             .and_then(|source| Session::open(source, config.clone(), running));
         Some(opened.map_err(|error| error.to_string())?)
     };
-    (new.applied)(&config);
-    Ok(PreparedReload {
-        config,
-        keys: change.now,
-        waits,
-        session,
-    })
+    (new.applied)(config);
+    Ok(PreparedReload { change, session })
 }
