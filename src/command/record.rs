@@ -51,7 +51,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         };
         let there = args.out.is_file();
         let replaced = if there { ", which is replaced" } else { "" };
-        let from = recording.to_string();
+        let from = recording.from.clone();
         let said = format!("recording {from} into {into}{replaced}");
         let begun = Instant::now();
         let (readings, ended) = recording.run(&args.out, move || tell(said), told).await;

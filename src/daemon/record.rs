@@ -1,6 +1,5 @@
 //! Recording into one log: the readings of a running service, or of a daemon of its own.
 
-use std::fmt;
 use std::future::Future;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -22,7 +21,8 @@ use crate::service::Service;
 const PATIENCE: Duration = Duration::from_secs(1);
 
 pub struct Recording {
-    kind: Option<Kind>,
+    /// Where the readings come from, for people.
+    pub from: String,
     origin: ReadingsFrom,
     /// Holds the socket if it cannot be where it is configured. Dropping it removes the folder.
     _folder: Option<TempDir>,
@@ -39,12 +39,11 @@ impl Recording {
             ..config.clone()
         };
         config.store.directory = PathBuf::new();
-        let kind = config.source.kind;
         // Ask the service first: a pipe that is opened twice splits its rows between both readers.
         let service = match ServiceClient::connect(&config.socket.socket).await {
             Ok(client) => {
                 return Ok(Self {
-                    kind,
+                    from: format!("the service at {}", config.socket.socket.display()),
                     origin: ReadingsFrom::Service(Box::new(client)),
                     _folder: None,
                 });
@@ -80,9 +79,14 @@ impl Recording {
             tracing::warn!("recording without a control socket: {error}");
             None
         });
+        let from = match config.source.kind {
+            Some(Kind::Simulator) => "a simulated board".to_owned(),
+            Some(Kind::Replay) => format!("the log {}", source.name),
+            _ => source.name.clone(),
+        };
         let daemon = Daemon::serving_on(source, server, control, &config, sockets)?;
         Ok(Self {
-            kind,
+            from,
             origin: ReadingsFrom::Daemon(Box::new(daemon)),
             _folder: folder,
         })
@@ -129,23 +133,6 @@ impl Recording {
         // An error means that the thread panicked, which has been logged.
         let (written, end) = end.unwrap_or((0, Ok(())));
         (written, end.map_err(DaemonError::Record).and(heard))
-    }
-}
-
-/// Where the readings come from, for people.
-impl fmt::Display for Recording {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let source = match &self.origin {
-            ReadingsFrom::Service(client) => {
-                return write!(f, "the service at {}", client.socket.display());
-            }
-            ReadingsFrom::Daemon(daemon) => &daemon.session.source,
-        };
-        match self.kind {
-            Some(Kind::Simulator) => f.write_str("a simulated board"),
-            Some(Kind::Replay) => write!(f, "the log {}", source.name),
-            _ => f.write_str(&source.name),
-        }
     }
 }
 

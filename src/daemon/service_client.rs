@@ -44,7 +44,7 @@ impl ListenError {
 
 /// A service that hands out its raw readings.
 pub(super) struct ServiceClient {
-    pub(super) socket: PathBuf,
+    socket: PathBuf,
     stream: BufReader<UnixStream>,
     pub(super) header: Header,
     line: Vec<u8>,
