@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::store::{CalibrationFile, Store, replace_file};
+use crate::store::{CalibrationFile, replace_file};
 
 mod align;
 mod calibrate;
@@ -74,11 +74,9 @@ fn write_out(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
 
 /// Writes a calibration file; "-" is standard output.
 fn write_calibrations(path: &Path, contents: &CalibrationFile) -> Result<(), Failure> {
-    if path == Path::new("-") {
-        let json = contents.to_json();
-        return print(&json.map_err(|why| Failure::new(Failure::DATA, why))?);
-    }
-    Ok(Store::write_file(path, contents)?)
+    let json = contents.to_json();
+    let json = json.map_err(|why| Failure::new(Failure::DATA, why))?;
+    write_out(path, json.as_bytes())
 }
 
 /// Writes a value to standard output, as one line of JSON.

@@ -11,6 +11,7 @@ mod plausible;
 
 use std::fs::{self, File};
 use std::io::{self, Read};
+use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -186,24 +187,19 @@ impl Store {
         }
     }
 
-    /// What any calibration file holds.
+    /// What any calibration file holds; "-" is standard input.
     ///
     /// # Errors
     ///
     /// When the file cannot be read, or does not hold calibrations.
     pub fn read_file(path: &Path) -> Result<CalibrationFile, StoreError> {
-        let file = File::open(path).map_err(|error| StoreError::Read(path.to_owned(), error))?;
-        Self::read_from(path, file)
-    }
-
-    /// The same of what is open already, by this name.
-    ///
-    /// # Errors
-    ///
-    /// When it cannot be read, or does not hold calibrations.
-    pub fn read_from(path: &Path, input: impl Read) -> Result<CalibrationFile, StoreError> {
+        let opened = match path.to_str() {
+            Some("-") => io::stdin().as_fd().try_clone_to_owned().map(File::from),
+            _ => File::open(path),
+        };
         let mut bytes = Vec::new();
-        (input.take(LONGEST + 1).read_to_end(&mut bytes))
+        opened
+            .and_then(|file| file.take(LONGEST + 1).read_to_end(&mut bytes))
             .map_err(|error| StoreError::Read(path.to_owned(), error))?;
         let contents = if bytes.len() as u64 > LONGEST {
             let why = format!("it is longer than {LONGEST} bytes");
@@ -212,18 +208,6 @@ impl Store {
             CalibrationFile::from_json(&bytes)
         };
         contents.map_err(|error| StoreError::Format(path.to_owned(), error))
-    }
-
-    /// Writes a calibration file, in place of what was there. After an error a regular file is the
-    /// old one or the new one.
-    ///
-    /// # Errors
-    ///
-    /// When the file cannot be written.
-    pub fn write_file(path: &Path, contents: &CalibrationFile) -> Result<(), StoreError> {
-        let text = text(path, contents)?;
-        replace_file(path, text.as_bytes())
-            .map_err(|error| StoreError::Write(path.to_owned(), error))
     }
 
     /// The file that the calibrations are kept in.

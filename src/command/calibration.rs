@@ -1,6 +1,5 @@
 //! `headingd calibration`: looks after the calibrations of a running daemon.
 
-use std::io;
 use std::path::{Path, PathBuf};
 
 use clap::builder::RangedU64ValueParser;
@@ -14,7 +13,7 @@ use crate::calibration::model::Mode;
 use crate::calibration::policy::{CalibrationOrigin, Policy};
 use crate::publish::control::ControlRequest;
 use crate::publish::control::status::CalibrationSummary;
-use crate::store::{CalibrationFile, Store, StoreError};
+use crate::store::{CalibrationFile, Store};
 
 /// Look after the calibration of the running daemon
 ///
@@ -103,7 +102,7 @@ impl CalibrationAction {
             Self::Export { number, .. } => ControlRequest::Export { number },
             // Read here too: what is wrong is told with the file's name.
             Self::Import { ref file } => ControlRequest::Import {
-                file: (contents_of(file)?.to_value())
+                file: (Store::read_file(file)?.to_value())
                     .map_err(|why| Failure::new(Failure::DATA, why))?,
             },
             Self::Start { .. } => ControlRequest::Start {},
@@ -111,13 +110,6 @@ impl CalibrationAction {
             Self::Mode { mode } => ControlRequest::Mode { mode },
         })
     }
-}
-
-fn contents_of(file: &Path) -> Result<CalibrationFile, StoreError> {
-    if file == Path::new("-") {
-        return Store::read_from(Path::new("standard input"), io::stdin());
-    }
-    Store::read_file(file)
 }
 
 /// The number of a calibration.

@@ -1,7 +1,7 @@
 //! The calibrations kept, with real files and folders.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 use std::sync::mpsc;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use headingd::store::{
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use serde_json::{Value, json};
 
-use crate::shared::calibration;
+use crate::common::{calibration, headingd};
 
 fn identity() -> Identity {
     Identity {
@@ -37,6 +37,11 @@ fn record(parameters: Parameters) -> CalibrationRecord {
 /// With one calibration, active.
 fn history(parameters: Parameters) -> History {
     History::of(identity(), record(parameters))
+}
+
+/// Writes a calibration file.
+fn write(path: &Path, history: History) {
+    fs::write(path, CalibrationFile::of(history).to_json().unwrap()).unwrap();
 }
 
 /// The only calibration of a file with one sensor.
@@ -349,7 +354,7 @@ fn a_file_cut_anywhere_is_refused_and_left_alone() {
     let (_folder, store) = store();
     for parameters in [planar(), symmetric()] {
         let path = store.path();
-        Store::write_file(&path, &CalibrationFile::of(history(parameters))).unwrap();
+        write(&path, history(parameters));
         let whole = fs::read(&path).unwrap();
         // The last byte ends the line: without it nothing is missing.
         for length in 0..whole.len() - 1 {
@@ -454,7 +459,7 @@ fn what_somebody_else_has_changed_meanwhile_is_set_aside() {
     store.save(&known, None).unwrap_or_default();
     // A backup is put back while the daemon runs.
     let backup = history(diagonal());
-    Store::write_file(&store.path(), &CalibrationFile::of(backup.clone())).unwrap();
+    write(&store.path(), backup.clone());
     let mut next = known.clone();
     next.keep(record(symmetric()), 10);
     let aside = store.save(&next, Some(&known)).unwrap().unwrap();
@@ -499,7 +504,7 @@ fn values_that_no_calibration_has_are_named() {
         (diagonal(), "1.1", "1e-5", "eigenvalues from 0.01 to 100"),
     ];
     for (parameters, from, to, right) in cases {
-        Store::write_file(&file, &CalibrationFile::of(history(parameters))).unwrap();
+        write(&file, history(parameters));
         let text = fs::read_to_string(&file).unwrap();
         assert!(text.contains(from), "{from} is not in {text}");
         fs::write(&file, text.replacen(from, to, 1)).unwrap();
@@ -568,16 +573,18 @@ fn a_link_stays_a_link_and_a_device_a_device() {
     symlink("file", &link).unwrap();
     // At first there is nothing where it points.
     for _ in 0..2 {
-        Store::write_file(&link, &CalibrationFile::of(history(planar()))).unwrap();
+        let ran = headingd(&["simulate", "--out", link.to_str().unwrap()]);
+        assert_eq!(ran.status, 0, "{ran:?}");
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
-        Store::read_file(&file).unwrap();
+        assert!(file.is_file());
     }
 
     // Every write to /dev/full fails as on a full disk.
-    let full = PathBuf::from("/dev/full");
-    let error = Store::write_file(&full, &CalibrationFile::of(history(planar()))).unwrap_err();
-    assert!(matches!(error, StoreError::Write(..)), "{error}");
-    assert!(fs::metadata(&full).unwrap().file_type().is_char_device());
+    let ran = headingd(&["simulate", "--out", "/dev/full"]);
+    assert_eq!(ran.status, 73, "{ran:?}");
+    assert!(ran.err.contains("cannot write /dev/full: "), "{ran:?}");
+    let full = fs::metadata("/dev/full").unwrap();
+    assert!(full.file_type().is_char_device());
 }
 
 #[test]
