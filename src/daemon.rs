@@ -311,14 +311,15 @@ impl Daemon {
             }
             if self.reload.is_prepared() {
                 // A calibration under way ends first, unless it takes too long: nobody wants to repeat its turn.
-                match self.reload.waits_until() {
-                    Some(deadline) if self.session.calibrator.is_busy() => {
-                        self.session.calibrator.hurry(deadline);
+                if self.reload.replaces_session() && self.session.calibrator.is_busy() {
+                    if self.reload.is_overdue() && self.session.calibrator.cancel() {
+                        tracing::warn!(
+                            "the calibration under way takes too long, and is given up: turn the board again"
+                        );
                     }
-                    _ => {
-                        self.end_reload().await?;
-                        self.inactivity.restart();
-                    }
+                } else {
+                    self.end_reload().await?;
+                    self.inactivity.restart();
                 }
             }
             self.tick(fresh);

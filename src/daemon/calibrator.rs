@@ -5,8 +5,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use tokio::time::timeout_at;
-
 use super::thread::Thread;
 use crate::calibration::outcome::Outcome;
 use crate::calibration::{Request, calibrate_unless};
@@ -21,8 +19,6 @@ struct RunningCalibration {
     thread: Option<Thread<Outcome>>,
     /// Whether nobody wants the outcome any more.
     cancelled: Arc<AtomicBool>,
-    /// The calibration is given up at this time: a reload waits for its end.
-    deadline: Option<Instant>,
     /// The outcome if the thread fails: the pipeline waits for one.
     failed: Outcome,
 }
@@ -48,25 +44,14 @@ impl Calibrator {
         self.running = Some(RunningCalibration {
             thread,
             cancelled,
-            deadline: None,
             failed,
         });
     }
 
-    /// Gives up the calibration under way, if there is one: its outcome comes soon.
-    pub(super) fn cancel(&mut self) {
-        if let Some(running) = &self.running {
-            running.cancelled.store(true, Ordering::Relaxed);
-        }
-    }
-
-    /// Somebody waits for the end of the calibration under way, and no longer than until the deadline.
-    pub(super) fn hurry(&mut self, deadline: Instant) {
-        if let Some(running) = &mut self.running
-            && !running.cancelled.load(Ordering::Relaxed)
-        {
-            running.deadline = Some(deadline);
-        }
+    /// Gives up the calibration under way; returns whether there was one that was not given up before. Its outcome comes soon.
+    pub(super) fn cancel(&mut self) -> bool {
+        let running = self.running.as_ref();
+        running.is_some_and(|running| !running.cancelled.swap(true, Ordering::Relaxed))
     }
 
     pub(super) fn is_busy(&self) -> bool {
@@ -79,22 +64,9 @@ impl Calibrator {
         let Some(running) = &mut self.running else {
             return pending().await;
         };
-        let outcome = match (&mut running.thread, running.deadline) {
-            (Some(thread), Some(deadline)) => {
-                match timeout_at(deadline.into(), thread.outcome()).await {
-                    Ok(outcome) => outcome,
-                    Err(_) => {
-                        tracing::warn!(
-                            "the calibration under way takes too long, and is given up: turn the board again"
-                        );
-                        running.deadline = None;
-                        running.cancelled.store(true, Ordering::Relaxed);
-                        thread.outcome().await
-                    }
-                }
-            }
-            (Some(thread), None) => thread.outcome().await,
-            (None, _) => None,
+        let outcome = match &mut running.thread {
+            Some(thread) => thread.outcome().await,
+            None => None,
         };
         let outcome = outcome.unwrap_or_else(|| running.failed.clone());
         self.running = None;

@@ -52,10 +52,15 @@ impl Reload {
         self.prepared.is_some()
     }
 
-    /// Until when the reload waits for a calibration; `None` if the running session stays.
-    pub(super) fn waits_until(&self) -> Option<Instant> {
-        let replaces = matches!(&self.prepared, Some(Ok(prepared)) if prepared.session.is_some());
-        self.deadline.filter(|_| replaces)
+    /// Whether another session takes the place of the running one.
+    pub(super) fn replaces_session(&self) -> bool {
+        matches!(&self.prepared, Some(Ok(prepared)) if prepared.session.is_some())
+    }
+
+    /// Whether the reload has waited long enough for a calibration.
+    pub(super) fn is_overdue(&self) -> bool {
+        self.deadline
+            .is_some_and(|deadline| Instant::now() >= deadline)
     }
 
     /// Waits for the next session; for ever, if none is being prepared. Nothing is lost when the wait is given up.
