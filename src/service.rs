@@ -29,10 +29,8 @@ pub struct Service {
     /// How often a sign of life is due, if the manager asks for any.
     pace: Option<Duration>,
     pinged: Option<Instant>,
-    state: String,
-    heading_deg: Option<u16>,
-    /// What the status line was made of last, and when.
-    sent_status: Option<(String, Option<u16>, Instant)>,
+    /// The status line that was sent last, and when it was last compared with the state.
+    status: Option<(String, Instant)>,
 }
 
 impl Service {
@@ -113,26 +111,14 @@ impl Service {
         Self::manager_from_env().say(&status(message));
     }
 
-    /// How things stand, for the status line.
-    pub fn state(&mut self, report: &Report) {
-        self.state = format!(
-            "{} ({}): {}",
-            report.condition.word(),
-            report.reason,
-            report.message
-        );
-        if !report.condition.may_steer() {
-            self.heading_deg = None;
-        }
-    }
-
-    /// The heading, for the status line: in whole degrees, so that a board at rest is no news.
-    pub fn heading(&mut self, heading_deg: Option<f64>) {
-        self.heading_deg = heading_deg.map(|deg| deg.round() as u16 % 360);
-    }
-
     /// Says what is due: that the daemon is alive, if it is, and what the status line is now.
-    pub fn tick(&mut self, now: Instant, alive: bool) {
+    pub fn tick(
+        &mut self,
+        now: Instant,
+        alive: bool,
+        report: Option<&Report>,
+        heading_deg: Option<f64>,
+    ) {
         if self.manager.is_none() {
             return;
         }
@@ -140,18 +126,24 @@ impl Service {
         if alive && self.pace.is_some_and(|pace| overdue(self.pinged, pace)) {
             self.ping(now);
         }
-        let same = |sent: &(String, Option<u16>, Instant)| {
-            now < sent.2 + STATUS_PACE || (sent.0 == self.state && sent.1 == self.heading_deg)
-        };
-        if self.state.is_empty() || self.sent_status.as_ref().is_some_and(same) {
+        let compared = self.status.as_ref().map(|(_, compared)| *compared);
+        let Some(report) = report.filter(|_| overdue(compared, STATUS_PACE)) else {
             return;
-        }
-        let heading = match self.heading_deg {
-            Some(deg) => format!("; heading {deg} degrees"),
-            None => String::new(),
         };
-        if self.say(&status(&format!("{}{heading}", self.state))) {
-            self.sent_status = Some((self.state.clone(), self.heading_deg, now));
+        let mut line = format!(
+            "{} ({}): {}",
+            report.condition.word(),
+            report.reason,
+            report.message
+        );
+        if let Some(deg) = heading_deg.filter(|_| report.condition.may_steer()) {
+            // In whole degrees, so that a board at rest is no news.
+            line += &format!("; heading {} degrees", deg.round() as u16 % 360);
+        }
+        let line = status(&line);
+        let is_sent = self.status.as_ref().is_some_and(|(sent, _)| *sent == line);
+        if is_sent || self.say(&line) {
+            self.status = Some((line, now));
         }
     }
 
@@ -263,7 +255,7 @@ pub(crate) mod tests {
         let begun = Instant::now();
         let mut fed = Vec::new();
         for s in 0..20 {
-            service.tick(begun + Duration::from_secs(s), s != 8 && s != 9);
+            service.tick(begun + Duration::from_secs(s), s != 8 && s != 9, None, None);
             if let Some(said) = heard(&manager) {
                 assert_eq!(said, "WATCHDOG=1");
                 fed.push(s);
@@ -286,9 +278,9 @@ pub(crate) mod tests {
             (5000, Condition::Good, Some(11.6)),
             (6000, Condition::Fault, Some(11.6)),
         ] {
-            service.heading(heading_deg);
-            service.state(&report(condition, "x"));
-            service.tick(begun + Duration::from_millis(ms), true);
+            let report = report(condition, "x");
+            let now = begun + Duration::from_millis(ms);
+            service.tick(now, true, Some(&report), heading_deg);
             told.extend(heard(&manager));
         }
         assert_eq!(

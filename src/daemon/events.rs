@@ -38,7 +38,8 @@ impl Daemon {
         // away is waited for, and a log may have gaps.
         let alive =
             fresh || session.state == SourceState::Faulty || !session.config.source.is_live();
-        self.service.tick(Instant::now(), alive);
+        let heading_deg = session.heading_deg;
+        (self.service).tick(Instant::now(), alive, self.reported.as_ref(), heading_deg);
     }
 
     fn take_event(&mut self, event: SourceEvent) {
@@ -126,11 +127,9 @@ impl Daemon {
                 let time = time.map(date::rfc3339);
                 session.heading_deg = heading.magnetic_deg();
                 self.counts.headings += u64::from(session.heading_deg.is_some());
-                self.service.heading(session.heading_deg);
                 self.publisher.heading(heading, taken, time);
             }
             Action::Report(report) => {
-                self.service.state(&report);
                 self.publisher.state(&report);
                 // The progress of a turn is no change.
                 let state = |report: &Report| (report.condition, report.reason);
