@@ -35,21 +35,27 @@ const LEAST: Size = Size {
 };
 
 pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame) {
-    let size = frame.area().as_size();
-    if size.width < LEAST.width || size.height < LEAST.height {
-        return draw_panel_alone(view, style, now, frame);
-    }
-    let width = usize::from(frame.area().width);
-    let said = last_line(view, width);
+    let area = frame.area();
+    let is_small = area.width < LEAST.width || area.height < LEAST.height;
+    let width = usize::from(area.width);
+    let said = last_line(view, width, is_small);
     // An answer of the daemon may be longer than the screen is wide, and a wrapped line is not quite full.
-    let said_lines = 1 + said.chars().count() / (9 * width / 10).max(1);
-    let [title, top, bottom, keys] = Layout::vertical([
+    let said_lines = said.chars().count().div_ceil((9 * width / 10).max(1));
+    // Two lines are for heading and state.
+    let said_lines = (said_lines as u16).min(area.height.saturating_sub(2));
+    let [above, last] =
+        Layout::vertical([Constraint::Min(0), Constraint::Length(said_lines)]).areas(area);
+    let said = Paragraph::new(said).wrap(Wrap { trim: true });
+    frame.render_widget(said.style(style.strong()), last);
+    if is_small {
+        return draw_panel_alone(view, style, now, above, frame);
+    }
+    let [title, top, bottom] = Layout::vertical([
         Constraint::Length(1),
         Constraint::Length(14),
         Constraint::Min(5),
-        Constraint::Length(said_lines as u16),
     ])
-    .areas(frame.area());
+    .areas(above);
     let [left, right] =
         Layout::horizontal([Constraint::Length(28), Constraint::Min(20)]).areas(top);
     let source = view.answered().map_or(String::new(), |status| {
@@ -77,23 +83,10 @@ pub(super) fn draw(view: &View, style: &Palette, now: Instant, frame: &mut Frame
     let lines = panel(view, style, att, now, NAME);
     frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), right);
     scatters(view, style, bottom, frame);
-    let said = Paragraph::new(said).wrap(Wrap { trim: true });
-    frame.render_widget(said.style(style.strong()), keys);
 }
 
-/// Heading and state first, and what else there is room for. A question or an answer takes the room of what matters less.
-fn draw_panel_alone(view: &View, style: &Palette, now: Instant, frame: &mut Frame) {
-    let area = frame.area();
-    let width = usize::from(area.width);
-    let said = match &view.asking {
-        None if view.said.is_empty() => String::new(),
-        _ => last_line(view, width),
-    };
-    let said_lines = said.chars().count().div_ceil((9 * width / 10).max(1));
-    // Two lines are for heading and state.
-    let said_lines = (said_lines as u16).min(area.height.saturating_sub(2));
-    let [top, bottom] =
-        Layout::vertical([Constraint::Min(0), Constraint::Length(said_lines)]).areas(area);
+/// Heading and state first, and what else there is room for.
+fn draw_panel_alone(view: &View, style: &Palette, now: Instant, area: Rect, frame: &mut Frame) {
     let is_narrow = area.width < NARROW;
     let mut att = view.att(now).clone();
     // The heading takes one line.
@@ -105,16 +98,15 @@ fn draw_panel_alone(view: &View, style: &Palette, now: Instant, frame: &mut Fram
     }
     let name = if is_narrow { 0 } else { NAME };
     let lines = panel(view, style, &att, now, name);
-    frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), top);
-    let said = Paragraph::new(said).wrap(Wrap { trim: true });
-    frame.render_widget(said.style(style.strong()), bottom);
+    frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }), area);
 }
 
-/// A question, or what the last key has led to, or the keys.
-fn last_line(view: &View, width: usize) -> String {
+/// A question, or what the last key has led to, or the keys, for which a small screen has no room.
+fn last_line(view: &View, width: usize, is_small: bool) -> String {
     const REMINDER: &str = "   (c x l r v q)";
     match &view.asking {
         Some((question, _)) => format!("{question} y: yes, any other key: no"),
+        None if view.said.is_empty() && is_small => String::new(),
         None if view.said.is_empty() => KEYS.to_owned(),
         None if view.said.chars().count() + REMINDER.len() > width => view.said.clone(),
         None => format!("{}{REMINDER}", view.said),
