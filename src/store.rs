@@ -159,7 +159,8 @@ impl Store {
             Err(_) => (CalibrationFile::default(), Some("unreadable")),
         };
         contents.put(history.clone());
-        let text = text(&path, &contents)?;
+        let unsavable = |why| StoreError::Unsavable(path.clone(), why);
+        let text = contents.to_json().map_err(unsavable)?;
         // Nothing is changed before the new file is safe on disk.
         let new = disk::written(&self.directory, FILE_NAME, text.as_bytes()).map_err(fail)?;
         let aside = reason.map(|reason| disk::set_aside(&path, reason));
@@ -219,14 +220,4 @@ impl Store {
     pub fn file_in(directory: &Path) -> PathBuf {
         directory.join(FILE_NAME)
     }
-}
-
-fn text(path: &Path, contents: &CalibrationFile) -> Result<String, StoreError> {
-    let unsavable = |why| StoreError::Unsavable(path.to_owned(), why);
-    let text = contents.to_json().map_err(unsavable)?;
-    if text.len() as u64 > LONGEST {
-        let why = format!("it would be longer than {LONGEST} bytes");
-        return Err(unsavable(why));
-    }
-    Ok(text)
 }

@@ -26,12 +26,7 @@ const STEP: f64 = 0.25;
 pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure> {
     let path = target.path()?;
     let status = daemon_status(&path)?;
-    let Some(socket) = &status.heading_socket else {
-        let message =
-            "the daemon is older than this headingd, and does not name its socket for headings";
-        return Err(Failure::new(Failure::UNAVAILABLE, message));
-    };
-    let mut headings = Headings::open(Path::new(socket), WATCH)?;
+    let mut headings = Headings::open(Path::new(&status.heading_socket), WATCH)?;
     // What has been judged before is of no interest.
     headings.pass_over()?;
     headings.set_patience(LOOK)?;

@@ -123,7 +123,7 @@ impl<'i> TableReader<'i> {
     fn usable(&mut self, target: &Table, attempt: Attempt) -> DeTable<'i> {
         let name = target.name;
         let mut usable = DeTable::new();
-        let Some((key, value)) = find(&self.root, name) else {
+        let Some((key, value)) = self.root.get_key_value(name) else {
             return usable;
         };
         let DeValue::Table(table) = value.get_ref() else {
@@ -299,22 +299,18 @@ fn cause(table: &DeTable<'_>, fault: &Fault, attempt: Attempt) -> Option<String>
     Some(key.get_ref().to_string())
 }
 
-fn find<'t, 'i>(table: &'t DeTable<'i>, name: &str) -> Option<(&'t Key<'i>, &'t Value<'i>)> {
-    table.iter().find(|(key, _)| key.get_ref() == name)
-}
-
 /// The place of `table.key` in the text.
 fn key_position(root: &DeTable<'_>, dotted: &str) -> Option<usize> {
     let (table, name) = dotted.split_once('.')?;
-    let (_, value) = find(root, table)?;
-    let (key, _) = find(value.get_ref().as_table()?, name)?;
+    let table = root.get(table)?.get_ref().as_table()?;
+    let (key, _) = table.get_key_value(name)?;
     Some(key.span().start)
 }
 
 /// The place of the table of `table.key`.
 fn table_position(root: &DeTable<'_>, dotted: &str) -> Option<usize> {
     let table = dotted.split('.').next()?;
-    Some(find(root, table)?.0.span().start)
+    Some(root.get_key_value(table)?.0.span().start)
 }
 
 #[cfg(test)]

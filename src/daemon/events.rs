@@ -162,9 +162,7 @@ impl Daemon {
                     Verdict::Rejected => self.counts.calibrations_refused += 1,
                     Verdict::Kept => {}
                 }
-                if let (Verdict::Accepted, Some(calibration)) =
-                    (outcome.verdict, outcome.calibration)
-                {
+                if let Some(calibration) = outcome.calibration {
                     let now = wall_clock::unix_now_s();
                     let record = CalibrationRecord::of(&outcome, calibration, origin, now);
                     self.session.store.keep(record);

@@ -246,7 +246,7 @@ impl Daemon {
             last: self.concluded.clone(),
             reference: session.north.true_north.field().map(reference),
             active: session.pipeline.calibration().map(active),
-            heading_socket: Some(self.socket.display().to_string()),
+            heading_socket: self.socket.display().to_string(),
             source: session.source.name.clone(),
             sensor: history.identity.sensor.clone(),
             mag_axes: history.identity.mag_axes.to_string(),

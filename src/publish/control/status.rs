@@ -32,7 +32,7 @@ pub(crate) struct DaemonStatus {
     pub(crate) active: Option<ActiveSummary>,
     /// The earth's field where the board is, if that is known.
     pub(crate) reference: Option<ReferenceSummary>,
-    pub(crate) heading_socket: Option<String>,
+    pub(crate) heading_socket: String,
     pub(crate) source: String,
     pub(crate) sensor: String,
     pub(crate) mag_axes: String,
