@@ -312,6 +312,3 @@ fn table_position(root: &DeTable<'_>, dotted: &str) -> Option<usize> {
     let table = dotted.split('.').next()?;
     Some(root.get_key_value(table)?.0.span().start)
 }
-
-#[cfg(test)]
-mod tests;
