@@ -174,19 +174,4 @@ mod tests {
             "cannot simulate: --spikes is 0.9, but must be from 0 to 0.5"
         );
     }
-
-    #[test]
-    fn a_failed_write_leaves_nothing_behind() {
-        let folder = tempfile::tempdir().unwrap();
-        let out = folder.path().join("none/a.csv");
-        let error = run(&args(&out, &[]).unwrap()).unwrap_err();
-        let error = error.to_string();
-        assert!(
-            error.ends_with("none/a.csv: No such file or directory (os error 2)"),
-            "{error}"
-        );
-        let error = run(&args(folder.path(), &[]).unwrap()).unwrap_err();
-        assert_eq!(error.status, Failure::CANNOT_CREATE);
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
-    }
 }
