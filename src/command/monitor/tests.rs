@@ -95,14 +95,18 @@ fn a_turning_board_shows_how_far_it_is_and_what_is_missing() {
 }
 
 #[test]
-fn the_raw_field_is_drawn_in_the_axes_of_the_vehicle() {
+fn the_field_is_drawn_in_the_axes_of_the_vehicle() {
     let now = Instant::now();
     let mut view = fed(&turning(), now);
+    let att = json!({"class": "ATT", "mag_x": 160.0, "mag_y": 0.0, "mag_z": 500.0});
+    view.take(News::Object(att), now);
+    assert!(!view.corrected.is_empty() && view.directions.missing() != "all");
     let down = |view: &View| view.raw.iter().all(|field| field[2] > 0.0);
     assert!(!view.raw.is_empty() && down(&view));
     let status = serde_json::from_value(json!({"board_axes": "+x -y -z"})).unwrap();
     view.take(News::Status(Ok(Box::new(status))), now);
-    assert!(view.raw.is_empty());
+    assert!(view.raw.is_empty() && view.corrected.is_empty());
+    assert_eq!(view.directions.missing(), "all");
     for object in turning() {
         view.take(News::Object(object), now);
     }

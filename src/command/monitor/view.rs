@@ -71,8 +71,11 @@ impl View {
             News::Status(status) => {
                 let board = self.board();
                 self.status = Some(status);
+                // All of these are in the axes of the vehicle.
                 if self.board() != board {
                     self.raw.clear();
+                    self.corrected.clear();
+                    self.directions.clear();
                 }
             }
             News::Answer(said) => self.said = said,
