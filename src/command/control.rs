@@ -124,7 +124,7 @@ fn exchange_lines(path: &Path, request: &ControlRequest) -> io::Result<String> {
     let mut answer = String::new();
     let read = BufReader::new(stream.take(LONGEST)).read_line(&mut answer);
     // A daemon that would not take all of it may still have said why.
-    if answer.is_empty() {
+    if !answer.ends_with('\n') {
         sent?;
         read?;
         return Err(ErrorKind::UnexpectedEof.into());
