@@ -121,9 +121,10 @@ fn stale_between_samples(config: &Config) -> Option<String> {
     };
     let (stale_s, least_s) = (config.heading.stale_s, 1.5 / rate_hz);
     (stale_s < least_s).then(|| {
+        let right_s = (10.0 * least_s).ceil() / 10.0;
         format!(
             "with {key} = {rate_hz}, headings may be stale between two samples: set heading.stale_s, which is {stale_s}, to \
-             {least_s:.1} or more"
+             {right_s:.1} or more"
         )
     })
 }
@@ -249,6 +250,9 @@ mod tests {
         assert!(paper.is_empty(), "{paper:?}");
         let seldom = of(&format!("{board}rate_hz = 1\n"));
         assert!(seldom[0].contains("set heading.stale_s"), "{seldom:?}");
+        let uneven = format!("{board}rate_hz = 0.7\n");
+        assert!(of(&uneven)[0].ends_with("to 2.2 or more"));
+        assert!(of(&format!("{uneven}[heading]\nstale_s = 2.2\n")).is_empty());
         let pole = format!("{board}[true_north]\nlatitude_deg = 86\nlongitude_deg = 139\n");
         assert!(of(&pole)[0].contains("near a magnetic pole"));
         let turned =
