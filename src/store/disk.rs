@@ -70,13 +70,14 @@ pub(super) fn remove_leftovers(directory: &Path, name: &str) -> io::Result<()> {
     Ok(())
 }
 
-/// Makes a rename durable: the folder has changed, so it is synced. Not every file system can.
+/// Makes a rename durable: the folder has changed, so it is synced. Not every file system can, nor can who may not read it.
 pub(super) fn sync_folder(directory: &Path) -> io::Result<()> {
-    use io::ErrorKind::{InvalidInput, Unsupported};
-    match File::open(directory)?.sync_all() {
-        Err(error) if [InvalidInput, Unsupported].contains(&error.kind()) => Ok(()),
-        synced => synced,
-    }
+    use io::ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
+    let synced = File::open(directory).and_then(|folder| folder.sync_all());
+    synced.or_else(|error| match error.kind() {
+        InvalidInput | PermissionDenied | Unsupported => Ok(()),
+        _ => Err(error),
+    })
 }
 
 /// Gives the file's content a second name, `<path>.<reason>-<n>`, n the first free number. A file that can be read stays
@@ -111,8 +112,18 @@ pub(super) fn set_aside(path: &Path, reason: &str) -> io::Result<PathBuf> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs::Permissions;
+    use std::os::unix::fs::PermissionsExt;
+
+    use super::*;
+
     #[test]
     fn a_folder_that_cannot_be_synced_is_no_error() {
-        super::sync_folder("/proc".as_ref()).unwrap();
+        sync_folder("/proc".as_ref()).unwrap();
+        // Files can be made in it, but nobody except root may read it.
+        let folder = tempfile::tempdir().unwrap();
+        fs::set_permissions(folder.path(), Permissions::from_mode(0o333)).unwrap();
+        sync_folder(folder.path()).unwrap();
+        fs::set_permissions(folder.path(), Permissions::from_mode(0o700)).unwrap();
     }
 }
