@@ -58,17 +58,20 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let config = match args.log {
-        Some(_) => config_file::load(args.config.as_deref())?,
-        None => config_file::load_for_client(args.config.as_deref())?,
+    let named = args.config.as_deref();
+    let mut config = match (&args.log, &args.socket) {
+        (Some(_), _) => config_file::load(named)?,
+        // A client that is told the socket needs no file.
+        (None, Some(_)) if named.is_none() => config_file::load(None).unwrap_or_default(),
+        (None, _) => config_file::load_for_client(named)?,
     };
-    overwrite::refuse(
-        &args.out,
-        args.log.as_deref(),
-        args.config.as_deref(),
-        &config,
-    )?;
+    overwrite::refuse(&args.out, args.log.as_deref(), named, &config)?;
     may_write(&args.out)?;
+    let is_other = |socket: &PathBuf| named.is_none() && *socket != config.socket.socket;
+    if args.socket.as_ref().is_some_and(is_other) {
+        // What the usual file says of place, source and limits is not said of another daemon.
+        config = Config::default();
+    }
     let analysis = match &args.log {
         Some(log) => of_log(log, &config)?,
         None => of_daemon(args, &config)?,

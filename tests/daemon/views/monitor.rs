@@ -14,7 +14,9 @@ use rustix::fs::{Mode, OFlags};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 
 use crate::control::link::Link;
-use crate::rig::{ENDLESS, FAST, LONG, PATIENCE, Process, Rig, headingd, program, pty, spawn_on};
+use crate::rig::{
+    ENDLESS, FAST, LONG, PATIENCE, Process, Rig, finished, headingd, program, pty, spawn_on,
+};
 
 /// A screen that draws nothing for so long has drawn all: it is drawn five times a second.
 const SETTLED: Duration = Duration::from_millis(50);
@@ -230,9 +232,23 @@ fn a_report_on_a_daemon_that_is_locked_calibrates_on_no_turn() {
     let (_process, mut client) = rig.watched();
     client.accepted();
     Link::new(&rig).told("lock");
-    let (status, page, err) = report(&rig, "-", &["--duration", "3"]);
+    // The file that every command finds is that of another daemon, and says nothing of this one's place.
+    let usual = rig.text("usual.toml");
+    std::fs::write(&usual, "[true_north]\ndeclination_deg = 9\n").unwrap();
+    let socket = rig.text("heading.sock");
+    let report = [
+        "report",
+        "--socket",
+        &socket,
+        "--duration",
+        "3",
+        "--out",
+        "-",
+    ];
+    let (status, page, err) = finished(program().env("HEADINGD_CONFIG", usual).args(report));
     assert_eq!(status, 0, "{err}");
     assert!(page.contains("No full turn has calibrated"));
+    assert!(!page.contains("the declination added"));
 }
 
 #[test]

@@ -56,9 +56,13 @@ fn a_fault_in_the_file_that_the_variable_names_is_an_error() {
         assert!(err.contains("speed is 0"), "{command}: {err}");
     }
     // A client that is told the socket needs no file.
-    let (status, _, err) = usual(&["status", "--socket", &rig.text("control.sock")]);
-    assert_eq!(status, 69, "{err}");
-    assert!(!err.contains("speed"), "{err}");
+    let page = rig.text("report.html");
+    for more in [&["status"][..], &["report", "--out", &page]] {
+        let socket = ["--socket", &rig.text("control.sock")];
+        let (status, _, err) = usual(&[more, &socket].concat());
+        assert_eq!(status, 69, "{err}");
+        assert!(!err.contains("speed"), "{err}");
+    }
 }
 
 /// In a mount namespace of its own, which needs no privileges, since it is the file of the system's daemon.
