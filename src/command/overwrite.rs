@@ -16,6 +16,10 @@ pub fn refuse(
     named: Option<&Path>,
     config: &Config,
 ) -> Result<(), Failure> {
+    // Standard output, whatever has that name here.
+    if out == Path::new("-") {
+        return Ok(());
+    }
     refuse_other_than_file(out)?;
     let configuration = config_file::path(named);
     let store = config.store.directory().map(Store::file_in);

@@ -3,7 +3,8 @@
 mod figures;
 
 use crate::common::{
-    Folder, Ran, apart_deg, carried, headingd, log, moving, of_class, simulated, turning,
+    Folder, Ran, apart_deg, carried, finished, headingd, log, moving, of_class, program, simulated,
+    turning,
 };
 use headingd::recording::{Entry, Header};
 use headingd::sensor::simulator::{Scenario, Settings};
@@ -11,6 +12,7 @@ use headingd::store::CalibrationFile;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use serde_json::{Value, json};
 use std::f64::consts::TAU;
+use std::fs;
 
 /// The keys of a JSON object in the order in which they are written, without those of objects within it.
 fn keys_in_order(object: &str) -> String {
@@ -407,6 +409,19 @@ fn nothing_writes_over_the_log_the_configuration_or_the_store() {
     let export = ["calibration", "export", "--config", &config, "--out", &kept];
     let ran = headingd(&export);
     assert_eq!((ran.status, folder.listing()), (73, before), "{ran:?}");
+}
+
+#[test]
+fn a_folder_named_as_standard_output_is_not_in_its_way() {
+    let folder = Folder::new();
+    fs::create_dir(folder.path("-")).unwrap();
+    let mut simulate = program();
+    simulate
+        .current_dir(&folder.0)
+        .args(["simulate", "--out", "-"]);
+    let (status, log, err) = finished(&mut simulate);
+    assert_eq!(status, 0, "{err}");
+    assert!(log.starts_with("# headingd-log"));
 }
 
 #[test]
