@@ -34,8 +34,8 @@ pub(super) struct StoreWriter {
 
 enum Job {
     Load(Identity, mpsc::Sender<Option<History>>),
-    /// Saves the newest histories.
-    Save(OnSaved),
+    /// Saves the newest histories; the answer is for this sensor's.
+    Save(Identity, OnSaved),
 }
 
 impl StoreWriter {
@@ -87,8 +87,9 @@ impl StoreWriter {
 
     /// Queues this to be saved; `then` gets the result. Never waits.
     pub(super) fn save(&self, history: History, then: OnSaved) {
+        let identity = history.identity.clone();
         lock(&self.newest).put(history);
-        let (job, why) = match self.queue.try_send(Job::Save(then)) {
+        let (job, why) = match self.queue.try_send(Job::Save(identity, then)) {
             Ok(()) => return,
             // Not lost: any job still in the queue saves the newest histories.
             Err(TrySendError::Full(job)) => (job, "the disk hangs"),
@@ -97,7 +98,7 @@ impl StoreWriter {
         if lock(&self.fault).replace(why.to_owned()).is_none() {
             tracing::error!("cannot keep calibrations: {why}");
         }
-        if let Job::Save(then) = job {
+        if let Job::Save(_, then) = job {
             then(Err(why.to_owned()));
         }
     }
@@ -174,9 +175,11 @@ impl WriterThread {
                     // Nobody waits for it any more if the daemon ends.
                     let _ = sender.send(self.load(&identity));
                 }
-                Ok(Job::Save(then)) => {
+                Ok(Job::Save(identity, then)) => {
                     self.take_newest();
-                    then(self.attempt());
+                    let result = self.attempt();
+                    let is_saved = self.unsaved.find(&identity).is_none();
+                    then(if is_saved { Ok(()) } else { result });
                 }
                 Err(RecvTimeoutError::Timeout) => {
                     self.pause = (2 * self.pause).min(PAUSES.1);
@@ -267,19 +270,29 @@ impl WriterThread {
                 self.store.insert(opened)
             }
         };
-        while let Some(history) = self.unsaved.sensors.last() {
-            if let Some(aside) = store.save(history, self.known.find(&history.identity))? {
-                let aside = aside.display();
-                tracing::warn!(
-                    "set aside the file that was there, since it was unusable or changed by somebody else: {aside}; if it is good, import \
-                     its active calibration with headingd calibration import"
-                );
+        // One that cannot be saved is no obstacle to the others.
+        let mut failed = None;
+        self.unsaved.sensors.retain(|history| {
+            let known = self.known.find(&history.identity);
+            match store.save(history, known) {
+                Ok(Some(aside)) => {
+                    let aside = aside.display();
+                    tracing::warn!(
+                        "set aside the file that was there, since it was unusable or changed by somebody else: {aside}; if it is good, import \
+                         its active calibration with headingd calibration import"
+                    );
+                }
+                Ok(None) => {}
+                Err(error) => {
+                    failed.get_or_insert(error);
+                    return true;
+                }
             }
             tracing::info!("kept the calibrations in {}", self.directory.display());
             self.known.put(history.clone());
-            self.unsaved.sensors.pop();
-        }
-        Ok(())
+            false
+        });
+        failed.map_or(Ok(()), Err)
     }
 }
 
@@ -341,6 +354,30 @@ mod tests {
         assert_eq!(*lock(&writer.fault), None);
         let kept = Store::contents(folder.path()).unwrap();
         assert_eq!(kept.find(&identity).unwrap().last_number, 2);
+    }
+
+    #[test]
+    fn a_history_that_cannot_be_saved_hinders_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut thread = thread(folder.path());
+        let new = |sensor| History::new(Identity::new(sensor, Mounting::default()));
+        let good = new("qmc5883l");
+        thread.unsaved.put(good.clone());
+        thread.unsaved.put(History {
+            last_number: u64::MAX,
+            ..new("hmc5843")
+        });
+        let (queue, jobs) = mpsc::sync_channel(1);
+        let (sender, answers) = mpsc::channel();
+        let then = Box::new(move |saved| sender.send(saved).unwrap());
+        let job = Job::Save(good.identity.clone(), then);
+        assert!(queue.send(job).is_ok());
+        drop(queue);
+        let lost = thread.run(&jobs).unwrap_err();
+        assert!(lost.contains("last_number"), "{lost}");
+        assert_eq!(answers.recv().unwrap(), Ok(()));
+        let kept = Store::contents(folder.path()).unwrap();
+        assert_eq!(kept.find(&good.identity), Some(&good));
     }
 
     #[test]
