@@ -39,8 +39,8 @@ pub fn load(named: Option<&Path>) -> Result<Config, Failure> {
     read(&chosen.unwrap_or_else(|| USUAL.into()))
 }
 
-/// The configuration of a command that only has to find a running daemon. If the usual file has a fault, which may be newer
-/// than the daemon, the usual sockets are tried. A file that somebody names may be that of another daemon.
+/// The configuration of a command that only has to find a running daemon. Where the usual file has a fault (perhaps edited since
+/// the daemon started), the default sockets are tried. A file that the user names gets no such fallback: it may be of another daemon.
 pub fn load_for_client(named: Option<&Path>) -> Result<Config, Failure> {
     match load(named) {
         Err(failure) if chosen(named).is_none() => {

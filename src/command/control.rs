@@ -123,7 +123,7 @@ fn exchange_lines(path: &Path, request: &ControlRequest) -> io::Result<String> {
     let sent = stream.write_all(format!("{request}\n").as_bytes());
     let mut answer = String::new();
     let read = BufReader::new(stream.take(LONGEST)).read_line(&mut answer);
-    // A daemon that would not take all of it may still have said why.
+    // Even if the daemon did not take the whole request, its answer may be there.
     if !answer.ends_with('\n') {
         sent?;
         read?;

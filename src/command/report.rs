@@ -127,7 +127,7 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
     };
     let mut headings = Headings::open(&sockets.headings, WATCH)?;
     headings.set_patience(PATIENCE)?;
-    // Neither gpsd nor clock says where and when a log was recorded.
+    // A daemon that replays a log was not here and now when the log was recorded: neither gpsd nor clock counts.
     let live = config.source.kind != Some(Kind::Replay);
     let mut gpsd = if live { follower(config)? } else { None };
     let bar = progress::bar(progress::WITH_MESSAGE);

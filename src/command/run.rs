@@ -69,12 +69,11 @@ fn serve(args: &Args) -> Result<(), Failure> {
         })?;
         let order = async || {
             let kind = signals.received().await;
+            // A hangup reloads, unless the terminal from which the daemon was started has gone.
+            let terminal_gone = on_terminal && !io::stderr().is_terminal();
             if kind == SignalKind::user_defined1() {
                 Notice::Summary
-            } else if kind != SignalKind::hangup()
-                // The terminal it was started from has gone.
-                || on_terminal && !io::stderr().is_terminal()
-            {
+            } else if kind != SignalKind::hangup() || terminal_gone {
                 tracing::info!("told to stop");
                 Notice::Stop
             } else {

@@ -57,7 +57,7 @@ pub fn start_and_wait(target: &ControlTarget, json: bool) -> Result<(), Failure>
             let over = !status.armed && !status.calibrating;
             // The verdict may be on its way: a second look decides.
             if over && given_up {
-                let message = "given up: somebody has cancelled it, or locked the calibration";
+                let message = "the calibration was cancelled, or locked, by somebody else";
                 drop(show);
                 if json {
                     print_json(&json!({"ok": false, "code": "cancelled", "message": message}))?;

@@ -165,8 +165,8 @@ impl<'i> TableReader<'i> {
         retired.into_iter().map(|(_, sentence)| sentence).collect()
     }
 
-    /// Collects a fault that settings found in themselves, of the key `table.key`. One that has its default is reported at the
-    /// `other` key, which contradicts it.
+    /// Collects a fault that settings found in themselves, of the key `table.key`. If its key is not in the file, it is reported at
+    /// `other`, the key with which it conflicts.
     pub(super) fn collect(&mut self, fault: &Fault, other: Option<&str>) {
         let at = key_position(&self.root, &fault.key)
             .or_else(|| key_position(&self.root, other?))

@@ -6,7 +6,8 @@ use crate::sensor::SourceEvent;
 /// 40 Hz none waits; at 50 Hz every second one does, for 20 ms, and the daemon costs a quarter less (tests/board/cost).
 const APART_S: f64 = 0.0225;
 
-/// Readings without a field wait up to this long, seconds, for one with a field. Only readings with a field give headings, so none is delayed.
+/// Readings without a field wait up to this long, seconds, for one with a field. Only readings with a field give headings, so
+/// no heading is delayed.
 const WAITING_S: f64 = 0.05;
 
 /// Capacity of a batch at the usual rates.

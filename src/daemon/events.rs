@@ -24,7 +24,7 @@ impl Daemon {
             fresh |= matches!(event, SourceEvent::Reading(..));
             self.take_event(event);
         }
-        // The first one says that the source answers, or is waited for.
+        // After the first events it is known that the source answers, or why it does not.
         if !self.reload.is_busy() {
             self.service.ready();
         }

@@ -7,7 +7,7 @@ use tokio::time::{Interval, MissedTickBehavior, interval};
 /// It fires when no input has arrived for this long.
 const LIMIT: Duration = Duration::from_millis(100);
 
-/// Fires 100 to 150 ms after it was last restarted: by an input, or once it has fired.
+/// Fires 100 to 150 ms after the last `restart`. The caller restarts it at each input, and each time that it has fired.
 pub(super) struct Inactivity {
     /// Ticks on, whatever arrives: to set a timer anew for each input cost 5 % of the daemon's time (tests/board/cost).
     ticks: Interval,

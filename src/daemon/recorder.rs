@@ -26,7 +26,7 @@ use open_log::OpenLog;
 
 /// Readings that may wait for the disk: some ten seconds of them.
 const QUEUE: usize = 4096;
-/// So many bytes of rows at a time are written without looking how much room the disk has left.
+/// Bytes of rows between two looks at how much room the disk has left.
 const CHECKED_EVERY: u64 = 8192;
 /// Interval at which readings are handed to the system, which writes them to disk: a daemon that is killed loses no more.
 const FLUSH: Duration = Duration::from_secs(1);

@@ -52,7 +52,7 @@ impl Daemon {
                     ok: false,
                     code: "not_kept",
                     message: format!(
-                        "{}; not on disk yet, and lost if the daemon stops before a later attempt succeeds: {why}",
+                        "{}, but this is not on disk yet: {why}. It is tried again, and lost if the daemon stops before that succeeds",
                         done.message
                     ),
                     ..done

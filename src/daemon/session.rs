@@ -15,8 +15,7 @@ use crate::pipeline::Pipeline;
 use crate::recording::TimeOfDay;
 use crate::store::Identity;
 
-/// A stop waits up to this long for a reload, then for the recording, then for the store. Without a reload all of it takes less than
-/// two seconds.
+/// At a stop each of these in turn is waited for this long at most: a reload, the recording, the store.
 pub(super) const DISK_PATIENCE: Duration = Duration::from_millis(600);
 
 /// Everything between the device and the clients, under one configuration.

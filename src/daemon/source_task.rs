@@ -33,7 +33,7 @@ const WAITING_MESSAGES: usize = 64;
 /// How long to wait for a source that hangs in a read; then it is left to the end of the process.
 const PATIENCE: Duration = Duration::from_millis(200);
 
-/// Waiting that takes longer than it should by this, seconds, is not caught up on: the machine was suspended.
+/// If a wait is longer than wanted by this, seconds, the lost time is not made up: the machine was suspended.
 const MOST_LATE_S: f64 = 1.0;
 
 /// A source that is open, and from its start to its stop at work.

@@ -155,7 +155,7 @@ struct WriterThread {
     known: CalibrationFile,
     newest: Shared<CalibrationFile>,
     unsaved: CalibrationFile,
-    /// The next attempt opens the folder again: another disk may be mounted there by then. Until that succeeds, the old folder stays locked.
+    /// Open the folder again at the next attempt, since another disk may be mounted there by then; keep the old lock until that has succeeded.
     reopen: bool,
     pause: Duration,
     fault: Shared<Option<String>>,

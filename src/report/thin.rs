@@ -1,6 +1,6 @@
 //! Evenly thinned sequences: a log of a day takes no more room than one of a minute.
 
-/// Keeps at most so many of what it is given: every first, then every second, then every fourth.
+/// Keeps at most `most` items, evenly: whenever it is full, it drops every second one, and takes only half as many from then on.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Thin<T> {
     pub(super) kept: Vec<T>,

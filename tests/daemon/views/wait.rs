@@ -83,5 +83,8 @@ fn it_ends_when_somebody_else_cancels() {
     let (status, _, err) = headingd(&["calibration", "cancel", "--socket", &socket]);
     assert_eq!(status, 0, "{err}");
     let said = waiting.ends(3);
-    assert!(said.contains("somebody has cancelled it"), "{said}");
+    assert!(
+        said.contains("the calibration was cancelled, or locked, by somebody else"),
+        "{said}"
+    );
 }
