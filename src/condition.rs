@@ -32,7 +32,7 @@
 //! | good | the gyro falls silent | degraded | `no_gyro` |
 //! | good | the gyro reads a constant in a turn | degraded | `gyro_dead` |
 //! | (start) | an axis of the gyro reads a constant | uncalibrated | `gyro_dead` |
-//! | (start) | an axis of the accelerometer reads a constant | degraded | `accel_dead` |
+//! | (start) | an axis of the accelerometer reads a constant | uncalibrated | `accel_dead` |
 //! | good | the gyro has another sign | degraded | `gyro_sign` |
 //! | (start) | the magnetometer's axes are exchanged | uncalibrated | `mag_axes` |
 //! | (start) | the accelerometer's axes are exchanged | uncalibrated | `accel_axes` |

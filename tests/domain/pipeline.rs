@@ -676,12 +676,15 @@ fn a_heading_is_not_sure_while_the_gyro_contradicts_the_field_or_stops() {
 
 #[test]
 fn a_heading_is_not_sure_from_the_moment_at_which_the_gyro_repeats_itself() {
-    let settings = Settings::default();
-    let sound = readings(&settings);
-    let calibration = shifted(&settings, 0.0);
-    let truth = play(&sound, Some(calibration), 0).headings;
     // Rows may repeat a slow gyro's reading until there is a new one.
-    for rows in [1, 5] {
+    for (with_accel, rows) in [(true, 1), (true, 5), (false, 1), (false, 5)] {
+        let settings = Settings {
+            with_accel,
+            ..Settings::default()
+        };
+        let sound = readings(&settings);
+        let calibration = shifted(&settings, 0.0);
+        let truth = play(&sound, Some(calibration), 0).headings;
         let mut stopped = sound.clone();
         let mut held = None;
         let rates = stopped.iter_mut().filter(|r| r.rate_rad_s.is_some());
