@@ -160,7 +160,11 @@ impl Store {
         };
         contents.put(history.clone());
         let unsavable = |why| StoreError::Unsavable(path.clone(), why);
-        let text = contents.to_json().map_err(unsavable)?;
+        let text = contents.to_json().map_err(&unsavable)?;
+        if text.len() as u64 > LONGEST {
+            let why = format!("it would be longer than {LONGEST} bytes");
+            return Err(unsavable(why));
+        }
         // Nothing is changed before the new file is safe on disk.
         let new = disk::written(&self.directory, FILE_NAME, text.as_bytes()).map_err(fail)?;
         let aside = reason.map(|reason| disk::set_aside(&path, reason));
