@@ -12,7 +12,7 @@ const TOLERANCE: f64 = 0.05;
 const EARLY_S: f64 = 0.1;
 /// A clock that goes back by more, seconds, has begun anew. By less, a row was sent out of order, or the clock was set back: then the
 /// readings stay late.
-const BACK_S: f64 = 1.0;
+const BACK_S: f64 = 0.1;
 /// Readings that are later than this, seconds, …
 const LATE_FROM_S: f64 = 0.1;
 /// … and stay equally late to within this, seconds, …
