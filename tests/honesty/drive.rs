@@ -5,7 +5,7 @@
 
 use std::collections::VecDeque;
 
-use headingd::frame::Mountings;
+use headingd::frame::{Mountings, wrap_360};
 use headingd::reading::Reading;
 use headingd::recording::Entry;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -113,7 +113,7 @@ impl Awaited {
             let kept = score.readings.iter_mut().flatten().rev();
             for entry in kept.take_while(|entry| entry.reading.t_s >= t_s) {
                 if entry.reading.t_s == t_s {
-                    entry.heading_truth_deg = truth_deg.map(|deg| deg.rem_euclid(360.0));
+                    entry.heading_truth_deg = truth_deg.map(wrap_360);
                 }
             }
             if let Some(shown) = shown {
