@@ -5,6 +5,10 @@
 
 use nalgebra::Vector3;
 
+/// The size of second differences is averaged over so many readings.
+const MEAN_READINGS: f64 = 50.0;
+/// One that is larger than the least mean so far by this factor, 4 to 6 deviations of noise, is motion or vibration.
+const QUIET: f64 = 6.0;
 /// Each of the other axes must reverse so often. On an axis with half their noise, at the middle of its finest step, the value then repeats
 /// by chance once in 10¹³ times.
 const REVERSALS: u32 = 30;
@@ -26,7 +30,13 @@ pub struct AxisWatch {
     change: Vector3<f64>,
     bend: Vector3<f64>,
     finest: Vector3<f64>,
+    /// How many changes there were, the mean size of the recent second differences, and the least that it has been.
+    changes: f64,
+    mean: Vector3<f64>,
+    quiet: Vector3<f64>,
     axes: [Repeats; 3],
+    /// When a dead axis was read last, seconds.
+    dead_s: f64,
 }
 
 /// How an axis repeats its value.
@@ -47,24 +57,39 @@ impl AxisWatch {
             change: Vector3::zeros(),
             bend: Vector3::zeros(),
             finest: Vector3::repeat(f64::INFINITY),
+            changes: 0.0,
+            mean: Vector3::zeros(),
+            quiet: Vector3::repeat(f64::INFINITY),
+            dead_s: f64::NEG_INFINITY,
             axes: Default::default(),
         }
     }
 
-    /// Takes the sensor's values. Whether one of the axes is dead, until it changes.
-    pub fn take(&mut self, values: Vector3<f64>) -> bool {
+    /// Takes the sensor's values, and returns them unless one of the axes is dead, which it is until it changes.
+    pub fn take(&mut self, t_s: f64, values: Vector3<f64>) -> Option<Vector3<f64>> {
         let change = values - self.last.replace(values).unwrap_or(values);
         // A row that repeats all is no reading.
         if change != Vector3::zeros() {
             let bend = change - std::mem::replace(&mut self.change, change);
             let before = std::mem::replace(&mut self.bend, bend);
+            self.changes = (self.changes + 1.0).min(MEAN_READINGS);
+            self.mean += (bend.abs() - self.mean) / self.changes;
+            let averaged = self.changes == MEAN_READINGS;
+            if averaged {
+                self.quiet = self.quiet.inf(&self.mean);
+            }
             let reversed = std::array::from_fn(|axis| {
                 if change[axis] != 0.0 {
                     self.finest[axis] = self.finest[axis].min(change[axis].abs());
                 }
                 let size = bend[axis].abs();
-                let counts = bend[axis] * before[axis] < 0.0 && size > STEPS * self.finest[axis];
-                if counts { size } else { 0.0 }
+                let noise =
+                    averaged && size > STEPS * self.finest[axis] && size < QUIET * self.quiet[axis];
+                if noise && bend[axis] * before[axis] < 0.0 {
+                    size
+                } else {
+                    0.0
+                }
             });
             for (axis, repeats) in self.axes.iter_mut().enumerate() {
                 if change[axis] != 0.0 || values[axis].abs() > self.most {
@@ -74,7 +99,21 @@ impl AxisWatch {
                 }
             }
         }
-        self.axes.iter().any(|repeats| repeats.dead)
+        if self.dead_axis().is_none() {
+            return Some(values);
+        }
+        self.dead_s = t_s;
+        None
+    }
+
+    fn dead_axis(&self) -> Option<usize> {
+        self.axes.iter().position(|repeats| repeats.dead)
+    }
+
+    /// The name of an axis that is dead, unless the sensor was read last before this time, seconds.
+    pub fn dead_since(&self, since_s: f64) -> Option<&'static str> {
+        let axis = self.dead_axis().filter(|_| self.dead_s >= since_s)?;
+        Some(["x", "y", "z"][axis])
     }
 }
 
@@ -107,10 +146,11 @@ mod tests {
         let mut watch = AxisWatch::up_to(1000.0);
         (0..20_000).find(|&reading| {
             let moved = moves(f64::from(reading) * 0.02);
-            watch.take(Vector3::from_fn(|axis, _| {
+            let values = Vector3::from_fn(|axis, _| {
                 let chance: f64 = StandardNormal.sample(&mut rng);
                 (moved[axis] + noise[axis] * chance).round()
-            }))
+            });
+            watch.take(0.0, values).is_none()
         })
     }
 
@@ -122,26 +162,13 @@ mod tests {
     fn an_axis_without_the_noise_of_the_others_is_dead() {
         for noise in [0.8, 1.0, 3.0, 20.0] {
             for axis in 0..3 {
-                let mut each = [noise; 3];
-                each[axis] = 0.0;
-                let after = dead_after(each, still).unwrap();
-                assert!((20..400).contains(&after), "{noise}: {after}");
-                let turning = |t_s: f64| [300.0 * (2.0 * t_s).sin(); 3].map(|rate| rate);
-                let without = |t_s| {
-                    std::array::from_fn(|other| {
-                        if other == axis {
-                            0.0
-                        } else {
-                            turning(t_s)[other]
-                        }
-                    })
-                };
-                assert!(
-                    noise < 3.0 || dead_after(each, without).is_some(),
-                    "{noise}"
-                );
+                let noises = std::array::from_fn(|other| if other == axis { 0.0 } else { noise });
+                let after = dead_after(noises, still).unwrap();
+                assert!((60..600).contains(&after), "{noise}: {after}");
             }
         }
+        let turning = |t_s: f64| [300.0 * (2.0 * t_s).sin(), 200.0 * (3.0 * t_s).cos(), 0.0];
+        assert!(dead_after([3.0, 3.0, 0.0], turning).is_some());
     }
 
     #[test]
@@ -150,6 +177,21 @@ mod tests {
             let half = [noise, noise, 0.5 * noise];
             for offset in [0.0, 0.5] {
                 assert_eq!(dead_after(half, |_| [offset, offset, 0.0]), None, "{noise}");
+            }
+        }
+        // After a rest, the others vibrate by many steps.
+        for per_step in [1.5, 3.0] {
+            for noise in [0.1, 0.3, 1.0] {
+                let vibrating = |t_s: f64| {
+                    let size = if t_s > 5.0 { 20.0 } else { 0.0 };
+                    let phase = t_s / 0.02 * per_step;
+                    [size * phase.sin(), size * (phase * 1.02).cos(), 0.0]
+                };
+                assert_eq!(
+                    dead_after([noise, noise, 0.5 * noise], vibrating),
+                    None,
+                    "{noise}"
+                );
             }
         }
         // Two axes have noise alone, or the others move without it.
@@ -169,10 +211,9 @@ mod tests {
             let more = f64::from(reading % 5);
             Vector3::new(way * more, 0.02 * more - way, z)
         };
-        let dead: Vec<_> = (0..100)
-            .map(|reading| watch.take(noisy(reading, 0.0)))
-            .collect();
-        assert!(!dead[10] && dead[99]);
-        assert!(!watch.take(noisy(100, 0.3)));
+        let mut is_dead = |reading, z| watch.take(0.0, noisy(reading, z)).is_none();
+        let dead: Vec<_> = (0..200).map(|reading| is_dead(reading, 0.0)).collect();
+        assert!(!dead[10] && dead[199]);
+        assert!(!is_dead(200, 0.3));
     }
 }

@@ -25,11 +25,8 @@ pub(super) struct Intake {
     newest: Option<(f64, Vector3<f64>)>,
     late: Lateness,
     pub(super) force_unit: ForceUnit,
-    gyro_axes: AxisWatch,
-    accel_axes: AxisWatch,
-    /// Whether one of their axes is dead.
-    pub(super) gyro_axis_dead: bool,
-    pub(super) accel_axis_dead: bool,
+    pub(super) gyro_axes: AxisWatch,
+    pub(super) accel_axes: AxisWatch,
 }
 
 impl Intake {
@@ -47,8 +44,6 @@ impl Intake {
             force_unit: ForceUnit::default(),
             gyro_axes: AxisWatch::up_to(MOVING_RAD_S),
             accel_axes: AxisWatch::up_to(RESTING_M_S2),
-            gyro_axis_dead: false,
-            accel_axis_dead: false,
         }
     }
 
@@ -60,17 +55,13 @@ impl Intake {
         mut on_tick: impl FnMut(&BoardMotion, Option<Turn>),
     ) -> (Reading, [RunState; 3]) {
         let (mut reading, runs) = self.saturation.filter(&self.outliers.filter(reading));
-        if let Some(rate) = reading.rate_rad_s {
-            self.gyro_axis_dead = self.gyro_axes.take(rate);
-        }
         if let Some(force) = reading.specific_force_m_s2 {
             self.force_unit.take(reading.t_s, force.norm());
-            self.accel_axis_dead = self.accel_axes.take(force);
+            reading.specific_force_m_s2 = self.accel_axes.take(reading.t_s, force);
         }
-        reading.rate_rad_s = reading.rate_rad_s.filter(|_| !self.gyro_axis_dead);
-        reading.specific_force_m_s2 = reading
-            .specific_force_m_s2
-            .filter(|_| !self.accel_axis_dead);
+        if let Some(rate) = reading.rate_rad_s {
+            reading.rate_rad_s = self.gyro_axes.take(reading.t_s, rate);
+        }
         let turns = &mut self.turns;
         self.attitude
             .take(&reading, |tick| on_tick(tick, turns.tick(tick)));
@@ -100,6 +91,8 @@ impl Intake {
         self.newest = None;
         self.late = Lateness::default();
         self.force_unit = ForceUnit::default();
+        self.gyro_axes = AxisWatch::up_to(MOVING_RAD_S);
+        self.accel_axes = AxisWatch::up_to(RESTING_M_S2);
     }
 
     /// Forgets how the board lay and turned. Gyro and accelerometer keep the biases of this calibration.

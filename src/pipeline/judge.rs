@@ -94,6 +94,9 @@ impl Pipeline {
             let message = "the field is not what the motion predicts: something magnetic is near";
             return self.report_as(Condition::Disturbed, "field_changed", message);
         }
+        if let Some(message) = self.dead_accelerometer() {
+            return self.report_as(Condition::Degraded, "accel_dead", message);
+        }
         if self.tilt_is_missing() {
             let message = if self.sd_deg <= self.setup.pipeline.publish_sd_deg {
                 "no accelerometer data: headings hold for a board that is level"
@@ -166,6 +169,9 @@ impl Pipeline {
             let message = "no gyro data, so turns cannot be detected: connect the gyro or import a calibration";
             return self.report_as(Condition::Uncalibrated, "no_gyro", message);
         }
+        if let Some(message) = self.dead_accelerometer() {
+            return self.report_as(Condition::Uncalibrated, "accel_dead", message);
+        }
         if self.tilt_is_missing() {
             let message = "no accelerometer data, so headings hold for a board that stays level: keep it level, and turn it once all the way round";
             return self.report_as(Condition::Uncalibrated, "no_accelerometer", message);
@@ -235,25 +241,20 @@ impl Pipeline {
     }
 
     /// What is wrong with gyro or accelerometer, or with how they are mounted, as a code and as a sentence.
-    pub(super) fn chip_fault(&self) -> Option<(&'static str, &'static str)> {
+    pub(super) fn chip_fault(&self) -> Option<(&'static str, Cow<'static, str>)> {
         if self.intake.attitude.clipping() && self.gyro_is_live() {
             let message = "the board turns faster than the gyro can measure: turn it more slowly";
-            return Some(("gyro_clipped", message));
+            return Some(("gyro_clipped", message.into()));
         }
         if self.intake.force_unit.is_wrong() && self.accelerometer_is_live() {
             let message =
                 "what the accelerometer reads is far from gravity: check its unit and its range";
-            return Some(("accel_unit", message));
+            return Some(("accel_unit", message.into()));
         }
-        if self.intake.gyro_axis_dead {
-            let message = "an axis of the gyro repeats its value while the others change: check its wiring, and what reads it";
-            return Some(("gyro_dead", message));
+        if let Some(axis) = self.dead_gyro_axis() {
+            return Some(("gyro_dead", dead_axis("gyro", axis).into()));
         }
-        if self.intake.accel_axis_dead {
-            let message = "an axis of the accelerometer repeats its value while the others change: check its wiring, and what reads it";
-            return Some(("accel_dead", message));
-        }
-        Some(match self.estimate.gyro_fault()? {
+        let (reason, message) = match self.estimate.gyro_fault()? {
             GyroFault::Dead => (
                 "gyro_dead",
                 "the field turns and the gyro does not: check its wiring and its unit",
@@ -275,7 +276,21 @@ impl Pipeline {
                 "gyro_scale",
                 "gyro and field differ by more than 5 % in how far the board turns: check the gyro's range and unit",
             ),
-        })
+        };
+        Some((reason, message.into()))
+    }
+
+    fn dead_gyro_axis(&self) -> Option<&'static str> {
+        let since_s = self.times.now_s - self.setup.attitude.gap_s;
+        self.intake.gyro_axes.dead_since(since_s)
+    }
+
+    /// What is wrong with the accelerometer if the tilt is missing though it is read.
+    fn dead_accelerometer(&self) -> Option<String> {
+        let since_s = self.times.now_s - self.setup.attitude.gap_s;
+        let axis = self.intake.accel_axes.dead_since(since_s)?;
+        let message = dead_axis("accelerometer", axis);
+        Some(format!("{message}; until then keep the board level"))
     }
 
     /// Whether nothing is known to be wrong with the axes of magnetometer and accelerometer: a single sample has no heading without both.
@@ -286,8 +301,14 @@ impl Pipeline {
 
     /// Whether nothing is known to be wrong with the gyro.
     pub(super) fn gyro_is_right(&self) -> bool {
-        self.estimate.gyro_fault().is_none()
+        self.estimate.gyro_fault().is_none() && self.dead_gyro_axis().is_none()
     }
+}
+
+fn dead_axis(chip: &str, axis: &str) -> String {
+    format!(
+        "axis {axis} of the {chip} repeats its value while the others change: check its wiring, and what reads it"
+    )
 }
 
 /// The message for a field strength found nowhere on earth, milligauss.

@@ -136,8 +136,7 @@ impl Survey {
         let unit = motion
             .wrong_unit()
             .map(|message| ("field_unit", message.into()));
-        let chip = || motion.chip_fault();
-        unit.or_else(|| chip().map(|(code, message)| (code, message.into())))
+        unit.or_else(|| motion.chip_fault())
     }
 
     /// How many samples are used, if the log is so long that these are not all.
