@@ -110,7 +110,12 @@ impl LogRows {
                     self.header = Some(begun);
                     return self.heard_header();
                 }
-                Err(what) if version(&text).is_some() => return self.refuse_header(what, found),
+                Err(what) if version(&text).is_some() => {
+                    // The rows that follow are none that are known.
+                    self.rows = None;
+                    self.heard_header();
+                    return self.refuse_header(what, found);
+                }
                 Err(_) => {}
             }
         }
