@@ -41,7 +41,7 @@ impl GyroErrors {
             && let Some(raw) = self.resting.pop_front()
         {
             let variance = REST_RATE_RAD_S.powi(2) / window.length_s;
-            self.correct(B, &(raw - self.bias), variance);
+            self.correct((B, B), &Matrix3::zeros(), &(raw - self.bias), variance);
         }
     }
 
@@ -49,7 +49,7 @@ impl GyroErrors {
     pub(super) fn measure_up_at_rest(&mut self, left: &Vector3<f64>, window: &Window) {
         let dt = window.length_s;
         let by_bias = window.rotation_s * (self.felt_share() / dt);
-        self.correct_sum((U, A), &by_bias, &(left / dt), REST_FORCE_M_S2.powi(2) / dt);
+        self.correct((U, A), &by_bias, &(left / dt), REST_FORCE_M_S2.powi(2) / dt);
         self.velocity.fill(0.0);
         reset_variance(&mut self.p, V..V + 3, LEAST_SPEED_M_S.powi(2));
     }
@@ -72,11 +72,11 @@ impl GyroErrors {
         // −R [ω]×, the mean over the window, of which `rotation_s` and `angle_rad` are integrals.
         let by_arm = -window.rotation_s * (window.angle_rad / dt.powi(2)).cross_matrix();
         let innovation = -self.velocity - by_arm * self.arm;
-        self.correct_sum((V, ARM), &by_arm, &innovation, variance);
+        self.correct((V, ARM), &by_arm, &innovation, variance);
     }
 
     /// Takes in a measurement of three states plus `by` times three others, each with this variance.
-    fn correct_sum(
+    fn correct(
         &mut self,
         (at, other): (usize, usize),
         by: &Matrix3<f64>,
@@ -86,25 +86,6 @@ impl GyroErrors {
         let cross =
             self.p.fixed_columns::<3>(at) + self.p.fixed_columns::<3>(other) * by.transpose();
         let own = cross.fixed_rows::<3>(at) + by * cross.fixed_rows::<3>(other);
-        self.take_in(cross, own, innovation, variance);
-    }
-
-    /// Takes in a measurement of three states, each with this variance.
-    fn correct(&mut self, at: usize, innovation: &Vector3<f64>, variance: f64) {
-        let cross: SMatrix<f64, N, 3> = self.p.fixed_columns::<3>(at).into();
-        let own = cross.fixed_rows::<3>(at).into();
-        self.take_in(cross, own, innovation, variance);
-    }
-
-    /// Takes in a measurement of three numbers with this variance each. Their covariance with the state is `cross`, and `own` with each
-    /// other.
-    fn take_in(
-        &mut self,
-        cross: SMatrix<f64, N, 3>,
-        own: Matrix3<f64>,
-        innovation: &Vector3<f64>,
-        variance: f64,
-    ) {
         let scatter = own + Matrix3::identity() * variance;
         let Some(inverse) = scatter.try_inverse() else {
             return;
