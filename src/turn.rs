@@ -86,7 +86,7 @@ impl TurnDetector {
             self.vertical = Vertical::new(&self.settings);
             None
         };
-        let patience_rad = if self.vertical.waits() {
+        let patience_rad = if self.vertical.waits {
             f64::INFINITY
         } else if self.vertical.progress() > ABOUT_TO_TURN {
             PATIENCE_RAD

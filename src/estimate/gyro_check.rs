@@ -77,7 +77,8 @@ pub(super) struct GyroCheck {
     constant: bool,
     fault: Option<GyroFault>,
     scale: GyroScale,
-    suspected_scale: f64,
+    /// How far the gyro's scale is from 1, if that is probably more than a right gyro's, though perhaps not certainly; else 0.
+    pub(super) suspected_scale: f64,
     /// The field's turns, until the gyro has been shown to be right: later a magnet that turns beside the board is the likelier cause.
     turns: FieldTurns,
     was_right: bool,
@@ -85,7 +86,7 @@ pub(super) struct GyroCheck {
     disturbed: bool,
     /// Mean rate while the readings differ, rad/s, and how far the board may have turned since they repeat, radians.
     rate_rad_s: f64,
-    unseen_rad: f64,
+    pub(super) unseen_rad: f64,
 }
 
 impl GyroCheck {
@@ -229,16 +230,6 @@ impl GyroCheck {
     /// Recent field change that the gyro does not explain, as a share.
     pub(super) fn contradicted(&self) -> f64 {
         self.unexplained.share()
-    }
-
-    /// How far the gyro's scale is from 1, if that is probably more than a right gyro's, though perhaps not certainly; else 0.
-    pub(super) fn suspected_scale(&self) -> f64 {
-        self.suspected_scale
-    }
-
-    /// How far the board may have turned without the gyro, radians.
-    pub(super) fn unseen_rad(&self) -> f64 {
-        self.unseen_rad
     }
 
     /// Gravity and field have changed by these shares in a moment.

@@ -95,13 +95,13 @@ impl Estimate {
         let missed = self.active.missed_mgauss().xy().norm() / horizontal;
         let contradicted = DOUBT * hypot(contradicted, differ);
         // Neither the filter nor the check of the gyro has explained these yet, so they count in full.
-        let unseen = hypot(missed, hypot(self.gyro.unseen_rad(), missed_turn_rad));
+        let unseen = hypot(missed, hypot(self.gyro.unseen_rad, missed_turn_rad));
         hypot(contradicted, unseen)
     }
 
     /// Error of north by the gyro's scale if that is probably wrong, radians.
     fn scale_doubt_rad(&self) -> f64 {
-        DOUBT * TURNED_RAD * self.gyro.suspected_scale()
+        DOUBT * TURNED_RAD * self.gyro.suspected_scale
     }
 
     /// Error of the heading by iron that has come or gone, which fixed parameters do not learn, radians.

@@ -67,7 +67,7 @@ pub(super) struct Vertical {
     /// After a refused candidate, no other is looked at before this time.
     next_look_s: f64,
     /// The last candidate was a turn, but a better one is about to be complete.
-    waits: bool,
+    pub(super) waits: bool,
 }
 
 impl Vertical {
@@ -78,11 +78,6 @@ impl Vertical {
             next_look_s: f64::NEG_INFINITY,
             ..Self::default()
         }
-    }
-
-    /// Whether a turn has been made, and the board turns on to a better one.
-    pub(super) fn waits(&self) -> bool {
-        self.waits
     }
 
     pub(super) fn progress(&self) -> f64 {
