@@ -15,26 +15,18 @@ const BEGUN_RAD: f64 = 2.0 * PI / 180.0;
 /// Turns about an axis this near to the vertical are left to the detector about the vertical, degrees.
 const UPRIGHT_DEG: f64 = 30.0;
 
-/// One short rotation.
+/// One short rotation; of the open link, the rotation so far.
 #[derive(Clone, Copy)]
 struct Link {
     start_s: f64,
-    /// Rotation vector in body axes, and net rotation in earth axes where the vertical was known.
-    turned: Vector3<f64>,
-    earth: Option<Vector3<f64>>,
-}
-
-/// The rotation that has not made a link yet.
-#[derive(Clone, Copy)]
-struct OpenLink {
-    start_s: f64,
+    /// Rotation in body axes, and net rotation in earth axes where the vertical was known.
     turned: UnitQuaternion<f64>,
     earth: Option<Vector3<f64>>,
     /// The time, and the two rotations by then, at which half a link had been turned.
     half: Option<(f64, UnitQuaternion<f64>, Option<Vector3<f64>>)>,
 }
 
-impl OpenLink {
+impl Link {
     fn at(t_s: f64) -> Self {
         Self {
             start_s: t_s,
@@ -50,7 +42,7 @@ impl OpenLink {
         self.turned *= UnitQuaternion::from_scaled_axis(step);
         let earth = self.earth.filter(|_| tick.pose.vertical_known);
         self.earth = earth.map(|earth| earth + tick.pose.orientation * step);
-        let turned = self.turned.scaled_axis();
+        let turned = self.vector();
         if !self.begun() {
             self.start_s = tick.t_s;
             self.earth = Some(Vector3::zeros());
@@ -70,7 +62,7 @@ impl OpenLink {
             earth: self.earth.zip(earth).map(|(all, half)| all - half),
             half: None,
         };
-        let (part, whole) = (second.turned.scaled_axis(), self.turned.scaled_axis());
+        let (part, whole) = (second.vector(), self.vector());
         (part.dot(&whole) < part.norm() * whole.norm() * cos_tolerance).then_some(second)
     }
 
@@ -78,12 +70,9 @@ impl OpenLink {
         self.turned.angle() >= BEGUN_RAD
     }
 
-    fn link(&self) -> Link {
-        Link {
-            start_s: self.start_s,
-            turned: self.turned.scaled_axis(),
-            earth: self.earth,
-        }
+    /// Rotation vector, body axes.
+    fn vector(&self) -> Vector3<f64> {
+        self.turned.scaled_axis()
     }
 }
 
@@ -93,7 +82,7 @@ pub(super) struct Chain {
     cos_tolerance: f64,
     time_limit_s: f64,
     links: VecDeque<Link>,
-    open: Option<OpenLink>,
+    open: Option<Link>,
     /// Mean axis of the links, a unit vector; zero without links.
     axis: Vector3<f64>,
     /// Net rotation of all links about it; where in the chain it was least and most, and how much.
@@ -127,7 +116,7 @@ impl Chain {
             self.measure();
         }
         self.open.take_if(|open| open.start_s < oldest_s);
-        let mut open = self.open.unwrap_or_else(|| OpenLink::at(tick.t_s - TICK_S));
+        let mut open = self.open.unwrap_or_else(|| Link::at(tick.t_s - TICK_S));
         if tick.at_rest {
             if !open.begun() {
                 open.start_s = tick.t_s;
@@ -151,7 +140,7 @@ impl Chain {
             }
         }
         if turned.norm() >= LINK_RAD {
-            self.open = Some(OpenLink::at(tick.t_s));
+            self.open = Some(Link::at(tick.t_s));
             // Where the axis has changed within this link, as after what was left of another turn, the new chain begins half-way.
             match open.after_change(self.cos_tolerance) {
                 Some(second) if !self.fits(&turned) => {
@@ -159,7 +148,7 @@ impl Chain {
                     self.measure();
                     self.open = Some(second);
                 }
-                _ => self.add(open.link()),
+                _ => self.add(open),
             }
         }
         None
@@ -171,13 +160,13 @@ impl Chain {
     }
 
     fn add(&mut self, link: Link) {
-        if !self.links.is_empty() && !self.fits(&link.turned) {
+        if !self.links.is_empty() && !self.fits(&link.vector()) {
             self.links.clear();
         }
         self.links.push_back(link);
         self.measure();
         // The mean moves with each link: the oldest must still fit.
-        while self.links.iter().any(|link| !self.fits(&link.turned)) {
+        while self.links.iter().any(|link| !self.fits(&link.vector())) {
             self.links.pop_front();
             self.measure();
         }
@@ -185,17 +174,18 @@ impl Chain {
 
     /// Mean axis, and the rotation about it link by link.
     fn measure(&mut self) {
-        let newest = self.links.back().map_or(Vector3::zeros(), |l| l.turned);
+        let newest = self.links.back().map_or(Vector3::zeros(), Link::vector);
         let sum: Vector3<f64> = self
             .links
             .iter()
-            .map(|l| l.turned * l.turned.dot(&newest).signum())
+            .map(Link::vector)
+            .map(|turned| turned * turned.dot(&newest).signum())
             .sum();
         self.axis = sum.try_normalize(1e-9).unwrap_or_default();
         self.net = 0.0;
         (self.least, self.most) = ((0, 0.0), (0, 0.0));
         for (i, link) in self.links.iter().enumerate() {
-            self.net += self.axis.dot(&link.turned);
+            self.net += self.axis.dot(&link.vector());
             if self.net <= self.least.1 {
                 self.least = (i + 1, self.net);
             }
@@ -208,9 +198,9 @@ impl Chain {
 
     /// The turn since the link `first`, which the open one has completed.
     fn close(&self, end_s: f64, first: usize) -> Option<Turn> {
-        let last = self.open.as_ref()?.link();
-        let links = || self.links.range(first..).chain([&last]);
-        let axis = links().map(|link| link.turned).sum::<Vector3<f64>>();
+        let last = self.open.as_ref()?;
+        let links = || self.links.range(first..).chain([last]);
+        let axis = links().map(Link::vector).sum::<Vector3<f64>>();
         Some(Turn {
             start_s: links().next()?.start_s,
             end_s,
