@@ -22,9 +22,9 @@ mod shaking;
 mod unexplained;
 mod witness;
 
-use axes::{AxesVerdict, GyroAxes};
+use axes::GyroAxes;
 use field_turns::FieldTurns;
-use scale::{GyroScale, ScaleVerdict};
+use scale::GyroScale;
 use shaking::Shaking;
 use unexplained::Unexplained;
 use witness::Witness;
@@ -59,6 +59,17 @@ pub enum GyroFault {
     AccelAxes,
     /// Its scale is off by more than 5 %.
     Scale,
+}
+
+/// What gravity says of the gyro's axes, or the field of its scale.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum GyroVerdict {
+    #[default]
+    Unknown,
+    Right,
+    Wrong,
+    /// The gyro turns another way. Only the field says so.
+    Opposed,
 }
 
 /// Compares the gyro with the field and with gravity.
@@ -139,12 +150,12 @@ impl GyroCheck {
         if self.fault.is_none() && fault.is_some_and(|fault| fault != GyroFault::Scale) {
             // What was seen before the fault must neither end it nor show the magnetometer to be the wrong one.
             self.scale.begin_anew();
-            if self.axes.verdict == AxesVerdict::Right {
+            if self.axes.verdict == GyroVerdict::Right {
                 self.axes = GyroAxes::default();
             }
         }
         self.fault = fault;
-        let right = fault.is_none() && scale == ScaleVerdict::Right;
+        let right = fault.is_none() && scale == GyroVerdict::Right;
         if right {
             self.was_right = true;
             self.turns = FieldTurns::default();
@@ -241,7 +252,7 @@ impl GyroCheck {
         }
     }
 
-    fn judged(&self, scale: ScaleVerdict) -> Option<GyroFault> {
+    fn judged(&self, scale: GyroVerdict) -> Option<GyroFault> {
         let no_measurement = || {
             let alone = self.gravity.turns_alone()
                 || self.field.turns_alone() && self.field.count() >= CONSTANT_CHANGES;
@@ -256,10 +267,10 @@ impl GyroCheck {
         // The predicted change of the field depends on the filter's iron, which may be out of date, or learnt with a gyro of a wrong
         // scale. The check of the scale needs no iron, so it overrules the field.
         let field_agrees = self.field.agrees();
-        let other_axes = self.axes.verdict == AxesVerdict::Wrong;
-        let field_opposes = scale == ScaleVerdict::Opposed;
+        let other_axes = self.axes.verdict == GyroVerdict::Wrong;
+        let field_opposes = scale == GyroVerdict::Opposed;
         let still_accel_axes = self.fault == Some(GyroFault::AccelAxes) && !field_opposes;
-        if other_axes && (field_agrees || scale == ScaleVerdict::Right || still_accel_axes) {
+        if other_axes && (field_agrees || scale == GyroVerdict::Right || still_accel_axes) {
             return Some(GyroFault::AccelAxes);
         }
         if other_axes || field_opposes {
@@ -272,16 +283,16 @@ impl GyroCheck {
             GyroFault::Dead => field_agrees,
             _ => field_agrees && self.was_right,
         };
-        let lasts = |fault: &GyroFault| scale != ScaleVerdict::Right && !over(fault);
+        let lasts = |fault: &GyroFault| scale != GyroVerdict::Right && !over(fault);
         let wrong = self.fault.filter(lasts);
-        wrong.or((scale == ScaleVerdict::Wrong).then_some(GyroFault::Scale))
+        wrong.or((scale == GyroVerdict::Wrong).then_some(GyroFault::Scale))
     }
 
     /// What is wrong, if anything is.
     pub(super) fn fault(&self) -> Option<GyroFault> {
         match self.fault {
             // Gravity turns as the gyro reads, so it is the field that does not.
-            Some(GyroFault::Sign) if self.axes.verdict == AxesVerdict::Right => {
+            Some(GyroFault::Sign) if self.axes.verdict == GyroVerdict::Right => {
                 Some(GyroFault::MagAxes)
             }
             fault => fault,

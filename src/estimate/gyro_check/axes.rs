@@ -7,6 +7,7 @@
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
+use super::GyroVerdict;
 use crate::frame::signed_axes;
 
 /// How many moments are remembered, most of them of 9°.
@@ -21,18 +22,6 @@ const TELLS: f64 = 0.25;
 /// little fit it best.
 const MOST_RESIDUAL: f64 = 0.8;
 
-/// What gravity says of the axes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum AxesVerdict {
-    /// The board has not tilted enough, or what the accelerometer reads is not gravity.
-    #[default]
-    Unknown,
-    /// Gravity turns as the gyro reads.
-    Right,
-    /// It turns as if the gyro's axes, or the accelerometer's, had other names or signs.
-    Wrong,
-}
-
 /// Compares how gravity turns with what each order and signs of the gyro's axes predict.
 #[derive(Clone, Debug, Default)]
 pub(super) struct GyroAxes {
@@ -45,8 +34,8 @@ pub(super) struct GyroAxes {
     squares: f64,
     seen: SVector<f64, 9>,
     information: SMatrix<f64, 9, 9>,
-    /// What the moments have said last.
-    pub(super) verdict: AxesVerdict,
+    /// What the moments have said last: `Wrong` if gravity turns as if the gyro's axes, or the accelerometer's, had other names or signs.
+    pub(super) verdict: GyroVerdict,
 }
 
 impl GyroAxes {
@@ -91,9 +80,9 @@ impl GyroAxes {
             .fold(f64::MAX, f64::min);
         let most = MOST_RESIDUAL * self.squares;
         if own < most && own < TELLS * others {
-            self.verdict = AxesVerdict::Right;
+            self.verdict = GyroVerdict::Right;
         } else if others < most && others < TELLS * own.min(opposite) {
-            self.verdict = AxesVerdict::Wrong;
+            self.verdict = GyroVerdict::Wrong;
         }
     }
 
@@ -119,7 +108,7 @@ mod tests {
 
     /// What gravity says of a gyro whose readings are those of a right one times a matrix. The board tumbles, and a hand moves it with
     /// accelerations of this share of gravity.
-    fn judged(gyro: Matrix3<f64>, accelerations: f64) -> AxesVerdict {
+    fn judged(gyro: Matrix3<f64>, accelerations: f64) -> GyroVerdict {
         let mut axes = GyroAxes::default();
         axes.begin(Vector3::z());
         let mut attitude = Rotation3::identity();
@@ -147,13 +136,13 @@ mod tests {
         for accelerations in [0.0, 0.05] {
             assert_eq!(
                 judged(Matrix3::identity(), accelerations),
-                AxesVerdict::Right
+                GyroVerdict::Right
             );
             for wrong in [exchanged, mounted_upside_down] {
-                assert_eq!(judged(wrong, accelerations), AxesVerdict::Wrong, "{wrong}");
+                assert_eq!(judged(wrong, accelerations), GyroVerdict::Wrong, "{wrong}");
             }
         }
-        assert_eq!(judged(Matrix3::identity(), 2.0), AxesVerdict::Unknown);
-        assert_eq!(judged(-Matrix3::identity(), 0.0), AxesVerdict::Unknown);
+        assert_eq!(judged(Matrix3::identity(), 2.0), GyroVerdict::Unknown);
+        assert_eq!(judged(-Matrix3::identity(), 0.0), GyroVerdict::Unknown);
     }
 }

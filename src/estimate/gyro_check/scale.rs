@@ -16,6 +16,7 @@
 
 use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector3, Vector4};
 
+use super::GyroVerdict;
 use crate::estimate::filter::{Filter, Input};
 use crate::estimate::prior::{FIELD_MGAUSS, IRON};
 use crate::frame::put;
@@ -65,16 +66,6 @@ const DEVIATIONS: f64 = 3.0;
 const FITS: f64 = 0.1;
 /// The axes are wrong, not the scale, if the best scale leaves more than this share, unless the field may be all noise.
 const UNEXPLAINED: f64 = 0.3;
-
-/// What the field says of the gyro's scale.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ScaleVerdict {
-    Unknown,
-    Right,
-    Wrong,
-    /// The gyro turns another way.
-    Opposed,
-}
 
 /// A regression over moments, older ones forgotten.
 #[derive(Clone, Debug, Default)]
@@ -253,30 +244,30 @@ impl GyroScale {
     }
 
     /// Whether the scale is right, as far as the moments tell.
-    pub(super) fn verdict(&self) -> ScaleVerdict {
+    pub(super) fn verdict(&self) -> GyroVerdict {
         let Some(found) = self.regress() else {
-            return ScaleVerdict::Unknown;
+            return GyroVerdict::Unknown;
         };
         let (off, sd) = (found.off(), found.sd);
         let opposed = found.scale < -DEVIATIONS * sd;
         let fits = found.unexplained < FITS;
         if opposed && fits && found.moments > OPPOSED_MOMENTS && found.left > FIRST_LEFT {
-            return ScaleVerdict::Opposed;
+            return GyroVerdict::Opposed;
         }
         if !found.is_enough() {
-            return ScaleVerdict::Unknown;
+            return GyroVerdict::Unknown;
         }
         let wrong = off > TOLERANCE + DEVIATIONS * sd;
         let turns = self.squares > self.moments * LEAST_RAD.powi(2);
         let other_axes = wrong && turns && found.unexplained > UNEXPLAINED;
         if opposed || other_axes {
-            ScaleVerdict::Opposed
+            GyroVerdict::Opposed
         } else if wrong && (fits || !turns) {
-            ScaleVerdict::Wrong
+            GyroVerdict::Wrong
         } else if off < TOLERANCE && sd < TOLERANCE {
-            ScaleVerdict::Right
+            GyroVerdict::Right
         } else {
-            ScaleVerdict::Unknown
+            GyroVerdict::Unknown
         }
     }
 }

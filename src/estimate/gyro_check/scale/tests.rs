@@ -78,7 +78,7 @@ impl TurnedBoard {
 }
 
 /// A board without soft iron.
-fn judged(reads: f64, rate_rad_s: impl Fn(f64) -> Vector3<f64>) -> (ScaleVerdict, f64) {
+fn judged(reads: f64, rate_rad_s: impl Fn(f64) -> Vector3<f64>) -> (GyroVerdict, f64) {
     let none = Matrix3::identity();
     judged_with(reads, none, none, rate_rad_s)
 }
@@ -89,7 +89,7 @@ fn judged_with(
     soft: Matrix3<f64>,
     learnt: Matrix3<f64>,
     rate_rad_s: impl Fn(f64) -> Vector3<f64>,
-) -> (ScaleVerdict, f64) {
+) -> (GyroVerdict, f64) {
     let mut board = TurnedBoard::new(soft, learnt);
     board.turn(1000, reads, rate_rad_s);
     let scale = board
@@ -107,15 +107,15 @@ fn tumbling(t_s: f64) -> Vector3<f64> {
 #[test]
 fn a_wrong_scale_shows_beside_any_iron() {
     for (reads, verdict) in [
-        (1.0, ScaleVerdict::Right),
-        (1.03, ScaleVerdict::Right),
-        (1.2, ScaleVerdict::Wrong),
-        (0.8, ScaleVerdict::Wrong),
-        (2.0, ScaleVerdict::Wrong),
-        (0.5, ScaleVerdict::Wrong),
-        (0.25, ScaleVerdict::Wrong),
-        (4.0, ScaleVerdict::Wrong),
-        (-1.0, ScaleVerdict::Opposed),
+        (1.0, GyroVerdict::Right),
+        (1.03, GyroVerdict::Right),
+        (1.2, GyroVerdict::Wrong),
+        (0.8, GyroVerdict::Wrong),
+        (2.0, GyroVerdict::Wrong),
+        (0.5, GyroVerdict::Wrong),
+        (0.25, GyroVerdict::Wrong),
+        (4.0, GyroVerdict::Wrong),
+        (-1.0, GyroVerdict::Opposed),
     ] {
         // Fast enough beside a bias that is not known.
         let speed = f64::max(2.0 / f64::abs(reads), 3.0);
@@ -138,7 +138,7 @@ fn what_is_taken_out_of_the_rates_does_not_hide_a_wrong_scale() {
     }
     let scale = board.regression.regress().unwrap().scale;
     assert!((scale * 1.1 - 1.0).abs() < 0.03, "{scale}");
-    assert_eq!(board.regression.verdict(), ScaleVerdict::Wrong);
+    assert_eq!(board.regression.verdict(), GyroVerdict::Wrong);
 }
 
 /// Probably more than a right gyro's, but not certainly.
@@ -179,7 +179,7 @@ const SOFT: Matrix3<f64> = Matrix3::new(1.08, 0.04, 0.0, 0.04, 0.96, -0.03, 0.0,
 #[test]
 fn soft_iron_does_not_look_like_a_wrong_scale() {
     for motion in [tumbling, swinging] {
-        for (reads, verdict) in [(1.0, ScaleVerdict::Right), (1.25, ScaleVerdict::Wrong)] {
+        for (reads, verdict) in [(1.0, GyroVerdict::Right), (1.25, GyroVerdict::Wrong)] {
             let (found, scale) = judged_with(reads, SOFT, SOFT, motion);
             assert_eq!(found, verdict, "{scale}");
             assert!((scale * reads - 1.0).abs() < 0.01, "{scale}");
@@ -193,10 +193,10 @@ fn a_wrong_scale_shows_whatever_soft_iron_was_learnt() {
     for (soft, learnt) in [(SOFT, none), (none, SOFT)] {
         for reads in [0.8, 1.25] {
             let (found, scale) = judged_with(reads, soft, learnt, tumbling);
-            assert_eq!(found, ScaleVerdict::Wrong, "{reads}: {scale}");
+            assert_eq!(found, GyroVerdict::Wrong, "{reads}: {scale}");
         }
         let (found, scale) = judged_with(1.0, soft, learnt, tumbling);
-        assert_ne!(found, ScaleVerdict::Wrong, "{scale}");
+        assert_ne!(found, GyroVerdict::Wrong, "{scale}");
     }
 }
 
@@ -207,29 +207,29 @@ fn an_axis_of_another_scale_does_not_look_like_a_wrong_scale_of_the_gyro_over_an
     let roll = |t_s: f64| Vector3::x() * (1.5 * 3.0 * (3.0 * t_s).cos());
     let (found, scale) = judged_with(1.0, chip, Matrix3::identity(), roll);
     assert!(scale < 0.9, "{scale}");
-    assert_ne!(found, ScaleVerdict::Wrong, "{scale}");
+    assert_ne!(found, GyroVerdict::Wrong, "{scale}");
 }
 
 #[test]
 fn swinging_to_and_fro_does_not_tell_a_scale_from_iron() {
     // 25° to either side.
     let swings = |t_s: f64| Vector3::z() * (0.44 * 4.0 * (4.0 * t_s).cos());
-    assert_eq!(judged(0.5, swings).0, ScaleVerdict::Unknown);
+    assert_eq!(judged(0.5, swings).0, GyroVerdict::Unknown);
 }
 
 #[test]
 fn a_slow_turn_does_not_tell_a_scale_from_a_bias_that_is_not_known() {
     let slow = |_| Vector3::z() * 0.5;
-    assert_eq!(judged(0.5, slow).0, ScaleVerdict::Unknown);
+    assert_eq!(judged(0.5, slow).0, GyroVerdict::Unknown);
 }
 
 #[test]
 fn a_scale_of_half_shows_though_the_bias_is_not_known_well() {
     // To 2 degrees a second on each axis, and the gyro reads 30.
     let found = judged(0.5, |t_s| tumbling(t_s) * 0.9);
-    assert_eq!(found.0, ScaleVerdict::Wrong, "{}", found.1);
+    assert_eq!(found.0, GyroVerdict::Wrong, "{}", found.1);
     let found = judged(1.0, |t_s| tumbling(t_s) * 0.45);
-    assert_eq!(found.0, ScaleVerdict::Unknown, "{}", found.1);
+    assert_eq!(found.0, GyroVerdict::Unknown, "{}", found.1);
 }
 
 #[test]
@@ -241,9 +241,9 @@ fn iron_that_comes_in_mid_turn_is_no_wrong_scale() {
     board.iron_mgauss.x -= 150.0;
     for _ in 0..160 {
         board.turn(1, 1.0, level);
-        assert_ne!(board.regression.verdict(), ScaleVerdict::Wrong);
+        assert_ne!(board.regression.verdict(), GyroVerdict::Wrong);
     }
-    assert_eq!(board.regression.verdict(), ScaleVerdict::Right);
+    assert_eq!(board.regression.verdict(), GyroVerdict::Right);
 }
 
 #[test]
@@ -265,6 +265,6 @@ fn a_lag_that_is_not_known_does_not_make_a_shaken_gyro_look_wrong() {
         board.turn(1000, 1.0, shaken);
         board.regression.verdict()
     };
-    assert_eq!(judged(false), ScaleVerdict::Unknown);
-    assert_eq!(judged(true), ScaleVerdict::Opposed);
+    assert_eq!(judged(false), GyroVerdict::Unknown);
+    assert_eq!(judged(true), GyroVerdict::Opposed);
 }
