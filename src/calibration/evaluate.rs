@@ -132,14 +132,13 @@ impl TurnFit<'_> {
         }
         outcome.measures = Some(measures.clone());
         outcome.calibration = Some(Calibration {
-            parameters: self.parameters::<D>(position, level),
             reference_mgauss: self.reference(),
-            strength_mgauss: best.reference_mgauss,
-            residual_mgauss: best.residual_mgauss,
-            heading_sd_deg: measures.heading_sd_deg,
-            covariance: None,
-            gyro_bias_deg_s: None,
-            accel_bias_m_s2: None,
+            ..Calibration::of(
+                self.parameters::<D>(position, level),
+                best.reference_mgauss,
+                best.residual_mgauss,
+                measures.heading_sd_deg,
+            )
         });
     }
 

@@ -173,6 +173,25 @@ impl PackedCovariance {
 }
 
 impl Calibration {
+    /// A calibration of which no more is known.
+    pub fn of(
+        parameters: Parameters,
+        strength_mgauss: f64,
+        residual_mgauss: f64,
+        heading_sd_deg: f64,
+    ) -> Self {
+        Self {
+            parameters,
+            reference_mgauss: None,
+            strength_mgauss,
+            residual_mgauss,
+            heading_sd_deg,
+            covariance: None,
+            gyro_bias_deg_s: None,
+            accel_bias_m_s2: None,
+        }
+    }
+
     /// How it was made: `turn`, from a full turn, or `motion`, by the running estimate, which alone knows a covariance.
     pub fn method(&self) -> &'static str {
         match self.covariance {

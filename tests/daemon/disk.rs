@@ -7,14 +7,13 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-use headingd::calibration::model::{Parameters, Planar};
+use headingd::calibration::model::{Calibration, Parameters, Planar};
 use headingd::store::{CalibrationRecord, History, Identity, Store};
 use nalgebra::{Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
 use crate::effort::times;
-use crate::rig::calibration;
 
 /// The folder in which the other process saves.
 const FOLDER: &str = "HEADINGD_TEST_FOLDER";
@@ -44,7 +43,7 @@ fn record(number: u64) -> CalibrationRecord {
         origin: None,
         gyro_rms_deg: Some(value),
         samples: Some(number as usize),
-        calibration: calibration(parameters, 200.0 + value, 2.0, 0.5),
+        calibration: Calibration::of(parameters, 200.0 + value, 2.0, 0.5),
     }
 }
 

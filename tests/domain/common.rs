@@ -10,7 +10,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use serde_json::Value;
 use tempfile::TempDir;
 
-pub use crate::shared::{apart_deg, calibration, finished, program};
+pub use crate::shared::{apart_deg, finished, program};
 
 /// What a run of the program came to.
 #[derive(Debug)]

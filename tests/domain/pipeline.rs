@@ -11,7 +11,7 @@ use headingd::reading::Reading;
 use headingd::sensor::simulator::{Scenario, Settings, Simulator};
 use nalgebra::{Vector2, Vector3};
 
-use crate::common::{apart_deg, calibration, moving, rms, simulated, turn_errors_deg, turning};
+use crate::common::{apart_deg, moving, rms, simulated, turn_errors_deg, turning};
 
 fn readings(settings: &Settings) -> Vec<Reading> {
     let (_, entries) = simulated(settings);
@@ -94,7 +94,7 @@ fn shifted(settings: &Settings, shift_mgauss: f64) -> Calibration {
         level: Vector2::zeros(),
     });
     let strength_mgauss = settings.horizontal_mgauss * scale.mean();
-    calibration(parameters, strength_mgauss, 2.0, 0.05)
+    Calibration::of(parameters, strength_mgauss, 2.0, 0.05)
 }
 
 /// Error of a planar calibration's headings in a level turn without noise, with a magnet near, degrees RMS.

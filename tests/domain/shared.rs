@@ -1,8 +1,6 @@
-//! What more than one test program needs: the program, and a calibration of which no more is known.
+//! What more than one test program needs: the program, and angles.
 
 use std::process::{Command, Stdio};
-
-use headingd::calibration::model::{Calibration, Parameters};
 
 /// The program, ready for arguments. It reads nothing and finds no settings in the environment.
 pub fn program() -> Command {
@@ -25,22 +23,4 @@ pub fn finished(command: &mut Command) -> (i32, String, String) {
 /// How far one angle is from another, degrees.
 pub fn apart_deg(one: f64, other: f64) -> f64 {
     (one - other + 540.0).rem_euclid(360.0) - 180.0
-}
-
-pub fn calibration(
-    parameters: Parameters,
-    strength_mgauss: f64,
-    residual_mgauss: f64,
-    heading_sd_deg: f64,
-) -> Calibration {
-    Calibration {
-        parameters,
-        reference_mgauss: None,
-        strength_mgauss,
-        residual_mgauss,
-        heading_sd_deg,
-        covariance: None,
-        gyro_bias_deg_s: None,
-        accel_bias_m_s2: None,
-    }
 }

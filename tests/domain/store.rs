@@ -6,7 +6,9 @@ use std::process::Command;
 use std::sync::mpsc;
 use std::time::Duration;
 
-use headingd::calibration::model::{Model, PackedCovariance, Parameters, Planar, Spatial};
+use headingd::calibration::model::{
+    Calibration, Model, PackedCovariance, Parameters, Planar, Spatial,
+};
 use headingd::calibration::policy::{CalibrationOrigin, Policy};
 use headingd::store::history::HistoryError;
 use headingd::store::{
@@ -15,7 +17,7 @@ use headingd::store::{
 use nalgebra::{Matrix3, SMatrix, Vector2, Vector3};
 use serde_json::{Value, json};
 
-use crate::common::{calibration, headingd};
+use crate::common::headingd;
 
 fn identity() -> Identity {
     Identity {
@@ -30,7 +32,7 @@ fn record(parameters: Parameters) -> CalibrationRecord {
         origin: Some(CalibrationOrigin::Turn),
         gyro_rms_deg: Some(1.0 / 7.0),
         samples: Some(560),
-        calibration: calibration(parameters, 610.0 / 3.0, 0.1 + 0.2, 0.7),
+        calibration: Calibration::of(parameters, 610.0 / 3.0, 0.1 + 0.2, 0.7),
     }
 }
 

@@ -49,20 +49,12 @@ impl Accepted {
 
 /// The calibration of a board whose chip makes `matrix · field + bias` of the field.
 pub fn true_calibration(matrix: Matrix3<f64>, bias: Vector3<f64>, strength: f64) -> Calibration {
-    Calibration {
-        parameters: Parameters::Spatial(Spatial {
-            model: Model::Symmetric,
-            bias_mgauss: bias,
-            matrix,
-        }),
-        reference_mgauss: None,
-        strength_mgauss: strength,
-        residual_mgauss: 5.0,
-        heading_sd_deg: 0.3,
-        covariance: None,
-        gyro_bias_deg_s: None,
-        accel_bias_m_s2: None,
-    }
+    let parameters = Parameters::Spatial(Spatial {
+        model: Model::Symmetric,
+        bias_mgauss: bias,
+        matrix,
+    });
+    Calibration::of(parameters, strength, 5.0, 0.3)
 }
 
 /// The pipeline, with the world around it.

@@ -180,16 +180,7 @@ mod tests {
     fn of_a_still_board_the_second_sample_tells_no_more_than_the_first() {
         let iron = Vector3::new(700.0, -400.0, 900.0);
         let spatial = Spatial::diagonal(iron, Vector3::new(1.05, 1.0, 0.95));
-        let calibration = Calibration {
-            parameters: Parameters::Spatial(spatial),
-            reference_mgauss: None,
-            strength_mgauss: 500.0,
-            residual_mgauss: 2.0,
-            heading_sd_deg: 0.1,
-            covariance: None,
-            gyro_bias_deg_s: None,
-            accel_bias_m_s2: None,
-        };
+        let calibration = Calibration::of(Parameters::Spatial(spatial), 500.0, 2.0, 0.1);
         let mut filter = Filter::new(&Prior::of(&calibration, &Mounting::default()));
         let earth = Vector3::new(60.0, 190.0, -420.0);
         let to_frame = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));

@@ -12,7 +12,7 @@ use nalgebra::{Rotation3, Vector2, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
 
-use crate::common::{BIAS, EARTH, apart_deg, calibration};
+use crate::common::{BIAS, EARTH, apart_deg};
 
 /// Between two readings, seconds; all chips speak in each.
 const STEP_S: f64 = 0.02;
@@ -267,12 +267,12 @@ pub fn planar(off_mgauss: f64) -> Calibration {
         scale: Vector2::new(1.0, 1.0),
         level: Vector2::zeros(),
     });
-    calibration(parameters, EARTH.x, 1.2, 0.05)
+    Calibration::of(parameters, EARTH.x, 1.2, 0.05)
 }
 
 /// One of all axes, off by this.
 pub fn spatial(off_mgauss: f64) -> Calibration {
     let bias = BIAS + Vector3::new(off_mgauss, 0.0, 0.0);
     let diagonal = Spatial::diagonal(bias, Vector3::new(1.0, 1.0, 1.0));
-    calibration(Parameters::Spatial(diagonal), EARTH.norm(), 1.2, 0.05)
+    Calibration::of(Parameters::Spatial(diagonal), EARTH.norm(), 1.2, 0.05)
 }

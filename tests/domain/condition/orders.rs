@@ -8,7 +8,7 @@ use headingd::pipeline::Event;
 use nalgebra::Vector3;
 
 use super::board::{Board, planar, spatial};
-use crate::common::{BIAS, EARTH, apart_deg, calibration};
+use crate::common::{BIAS, EARTH, apart_deg};
 
 /// More than a full turn, less than two.
 const A_TURN_DEG: f64 = 365.0;
@@ -507,7 +507,7 @@ fn a_kept_calibration_is_in_doubt_where_the_field_has_another_strength_until_the
         let Parameters::Spatial(made) = spatial(0.0).parameters else {
             unreachable!()
         };
-        let made = calibration(Parameters::Spatial(made), share * EARTH.norm(), 1.2, 0.05);
+        let made = Calibration::of(Parameters::Spatial(made), share * EARTH.norm(), 1.2, 0.05);
         let mut board = Board::new(Some(made));
         board.earth_mgauss *= share;
         board.bias_mgauss += iron_came;
