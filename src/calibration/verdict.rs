@@ -1,11 +1,12 @@
 //! Whether a candidate deserves trust, always with a reason.
 
+use nalgebra::Vector2;
+
 use super::gyro_agreement::GyroAgreement;
 use super::jump::Jump;
+use super::model::{Calibration, Parameters};
 use crate::check::settings;
 use crate::reading::{EARTH_MGAUSS, LEAST_HORIZONTAL_MGAUSS};
-
-pub mod imported;
 
 settings! {
     /// What is asked of a candidate.
@@ -167,9 +168,24 @@ impl Limit {
     }
 }
 
-/// All limits that apply, the most telling first, each with the code of a refusal and what a broken one means.
+/// A limit, with the code of a refusal and what a broken one means.
+type Explained = (Limit, &'static str, &'static str);
+
+/// Code, name, unit, measure if it is known, bound, and what a broken limit means.
 #[rustfmt::skip]
-fn all(m: &Measures, l: &Limits) -> impl Iterator<Item = (Limit, &'static str, &'static str)> {
+type LimitRow = (&'static str, &'static str, &'static str, Option<f64>, Bound, &'static str);
+
+/// The limits of the measures that are known.
+#[rustfmt::skip]
+fn known(rows: impl IntoIterator<Item = LimitRow>) -> impl Iterator<Item = Explained> {
+    rows.into_iter().filter_map(|(reason, name, unit, measured, bound, why)| {
+        Some((Limit { name, unit, measured: measured?, bound }, reason, why))
+    })
+}
+
+/// All limits that apply, the most telling first.
+#[rustfmt::skip]
+fn all(m: &Measures, l: &Limits) -> impl Iterator<Item = Explained> {
     use Bound::{AtLeast, AtMost, True};
     const WRONG_STRENGTH: &str = "the earth's is 220 to 670 mG, and half to twice that is allowed: check the unit and the range of the magnetometer";
     let percent = |share: f64| 100.0 * share;
@@ -193,7 +209,7 @@ fn all(m: &Measures, l: &Limits) -> impl Iterator<Item = (Limit, &'static str, &
             "soft iron is strong, or the field was disturbed: turn the board about all three axes",
         _ => "more samples or a fuller turn are needed",
     };
-    [
+    known([
         ("field_unit", "strength of the field", "mG", strength, AtMost(*EARTH_MGAUSS.end()),
          WRONG_STRENGTH),
         ("field_unit", "strength of the field", "mG", whole, AtLeast(*EARTH_MGAUSS.start()),
@@ -230,12 +246,7 @@ fn all(m: &Measures, l: &Limits) -> impl Iterator<Item = (Limit, &'static str, &
          "something magnetic came with the turn, such as a running motor"),
         ("dip", "change of dip with attitude, RMS", "degrees", m.dip_spread_deg, AtMost(l.dip_spread_deg),
          "check the mountings, or keep iron away"),
-    ]
-    .into_iter()
-    .filter_map(|(reason, name, unit, measured, bound, why)| {
-        let measured = measured?;
-        Some((Limit { name, unit, measured, bound }, reason, why))
-    })
+    ])
 }
 
 /// All limits that apply to a candidate, the most telling first.
@@ -249,15 +260,45 @@ pub fn measured(m: &Measures, limits: &Limits) -> Vec<Limit> {
 ///
 /// The first objection.
 pub fn judge(m: &Measures, limits: &Limits) -> Result<(), Refusal> {
-    match all(m, limits).find(|(limit, ..)| !limit.is_kept()) {
-        None => Ok(()),
-        Some((limit, reason, why)) => {
-            let [measured, relation, bound] = limit.as_text();
-            let name = limit.name;
-            let message = format!("{name}: {measured} ({relation} {bound}): {why}");
-            Err(Refusal::new(reason, message))
+    first_objection(all(m, limits))
+}
+
+/// The first objection to an imported calibration. Its samples are not known, so only its own numbers are held against the limits.
+///
+/// # Errors
+///
+/// The first objection.
+#[rustfmt::skip]
+pub fn judge_imported(calibration: &Calibration, l: &Limits) -> Result<(), Refusal> {
+    use Bound::AtMost;
+    let scale = match &calibration.parameters {
+        Parameters::Planar(planar) => planar.scale,
+        Parameters::Spatial(spatial) => {
+            let values = spatial.matrix.singular_values();
+            Vector2::new(values.min(), values.max())
         }
-    }
+    };
+    let ratio = scale.max() / scale.min();
+    let share = calibration.residual_mgauss / (calibration.strength_mgauss * 0.5 * scale.sum());
+    // A covariance states how far to trust it, and the estimate starts from it.
+    let sd_deg = calibration.covariance.is_none().then_some(calibration.heading_sd_deg);
+    first_objection(known([
+        ("axis_ratio", "ratio of the axes' scale factors", "", Some(ratio), AtMost(l.axis_ratio),
+         "is it of another chip?"),
+        ("residual", "residual, of the field", "%", Some(100.0 * share), AtMost(100.0 * l.residual_share),
+         "its samples were spread about its fit"),
+        ("heading_uncertainty", "predicted heading uncertainty", "degrees", sd_deg, AtMost(l.heading_sd_deg),
+         "its headings are not certain enough"),
+    ]))
+}
+
+fn first_objection(mut limits: impl Iterator<Item = Explained>) -> Result<(), Refusal> {
+    let Some((limit, reason, why)) = limits.find(|(limit, ..)| !limit.is_kept()) else {
+        return Ok(());
+    };
+    let [measured, relation, bound] = limit.as_text();
+    let message = format!("{}: {measured} ({relation} {bound}): {why}", limit.name);
+    Err(Refusal::new(reason, message))
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use super::Daemon;
 use super::recorder::Recorder;
 use crate::calibration::model::Calibration;
 use crate::calibration::policy::{CalibrationOrigin, Policy};
-use crate::calibration::verdict::imported;
+use crate::calibration::verdict::judge_imported;
 use crate::date;
 use crate::frame::rounded;
 use crate::pipeline::Event;
@@ -164,7 +164,7 @@ impl Daemon {
             let message = "no calibration in this file is active: export writes one that is";
             Answer::refused("no_calibration", message)
         })?;
-        imported::check(&entry.record.calibration, &self.session.config.verdict).map_err(
+        judge_imported(&entry.record.calibration, &self.session.config.verdict).map_err(
             |refusal| {
                 let message = format!("{}: {}", refusal.reason, refusal.message);
                 Answer::refused("implausible", message)

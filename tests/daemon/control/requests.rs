@@ -127,12 +127,12 @@ fn what_is_not_of_this_board_or_cannot_be_is_not_imported() {
         (
             &|s| s["history"][0]["calibration"]["residual_mgauss"] = json!(99),
             "implausible",
-            "residual: its samples were spread",
+            "its samples were spread",
         ),
         (
             &|s| s["history"][0]["calibration"]["heading_sd_deg"] = json!(9),
             "implausible",
-            "headings are uncertain by 9",
+            "heading uncertainty: 9.00 degrees",
         ),
     ] {
         let message = link.refused(with(change), code);
