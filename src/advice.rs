@@ -28,7 +28,6 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
         "other_mode" => "check that the port is the board's, and the wire to the board: commands do not reach it",
         "sensors" => "check the wires between the board and its sensors",
         "too_few_samples" => "turn more slowly, or read the magnetometer more often",
-        "bad_samples" => "look into the log: a field is not a number, or absurdly large",
         "no_plane" =>
             "turn while the gyro runs; for a log without a gyro, or with an empty axis, name the plane (calibrate --plane xy)",
         "no_motion" => "turn the board; if you did, the magnetometer is stuck, or its unit or the gyro's is wrong",
@@ -56,7 +55,6 @@ pub fn next_step(reason: &str) -> Option<&'static str> {
         "rest" =>
             "turn again where the board has rested, with motors and currents as they will be: the field came with the turn",
         "stuck_axis" => "check the chip and its range: an axis reads the same number, or none, over an arc of the turn",
-        "bad_reference" => "give a reference field above 0, or none",
         _ => return None,
     })
 }

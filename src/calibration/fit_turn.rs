@@ -15,7 +15,6 @@ use super::request::{FieldSample, Request};
 use super::verdict::Refusal;
 use super::windows::windows;
 use super::{coverage, levelling};
-use crate::attitude::Pose;
 use crate::frame::hypot;
 use crate::reading::{LEAST_HORIZONTAL_MGAUSS, LEAST_STEPS, SAME_SAMPLES};
 
@@ -38,7 +37,7 @@ pub fn calibrate(
     cancelled: &AtomicBool,
     outcome: &mut Outcome,
 ) -> Result<String, Refusal> {
-    check_samples(request)?;
+    check_count(request)?;
     let plan = &plan(request)?;
     outcome.mode = Some(plan.mode);
     outcome.model = Some(Model::Diagonal);
@@ -69,8 +68,8 @@ pub fn calibrate(
     }
 }
 
-/// Refuses too few samples, and any that is no finite field with a finite time and pose.
-fn check_samples(request: &Request) -> Result<(), Refusal> {
+/// Refuses too few samples.
+fn check_count(request: &Request) -> Result<(), Refusal> {
     if request.samples.len() < LEAST_SAMPLES {
         return Err(Refusal::new(
             "too_few_samples",
@@ -79,19 +78,6 @@ fn check_samples(request: &Request) -> Result<(), Refusal> {
                     .to_owned(),
                 count => format!("at least {LEAST_SAMPLES} magnetometer samples are needed, and there are only {count}"),
             },
-        ));
-    }
-    let usable = |s: &FieldSample| {
-        // A sum of squares is finite only if each of them is.
-        let finite = |pose: &Pose| pose.orientation.coords.norm_squared().is_finite();
-        s.t_s.is_finite()
-            && s.field_mgauss.iter().all(|b| b.abs() < 1e6)
-            && s.pose.as_ref().is_none_or(finite)
-    };
-    if !request.samples.iter().chain(&request.rest).all(usable) {
-        return Err(Refusal::new(
-            "bad_samples",
-            "a sample is not a finite number of milligauss, or its time or pose is none",
         ));
     }
     Ok(())
@@ -143,10 +129,6 @@ impl TurnFit<'_> {
         outcome: &mut Outcome,
     ) -> Result<Fitted<D, P>, Refusal> {
         let reference = self.reference();
-        if reference.is_some_and(|reference| !(reference > 0.0 && reference.is_finite())) {
-            let message = "the reference field is not a strength above 0";
-            return Err(Refusal::new("bad_reference", message));
-        }
         let points = self.moving_points::<D>()?;
         let windows = windows::<D>(self.request, self.plan);
         let seen = windows
