@@ -323,25 +323,6 @@ fn a_magnet_at_the_end_of_the_motion_is_told() {
     );
 }
 
-#[test]
-fn a_stuck_magnetometer_is_refused() {
-    let folder = Folder::new();
-    let log = folder.changed_log("a.csv", &Settings::default(), |reading| {
-        let stuck = [Some(100.0), Some(-50.0), Some(400.0)];
-        reading.field_mgauss = reading.field_mgauss.map(|_| stuck);
-    });
-    for more in [
-        &[][..],
-        &["--mode", "spatial"],
-        &["--plane", "xy"],
-        &["--profile", "paper"],
-    ] {
-        let ran = calibrate(&log, more);
-        assert_eq!(ran.status, 3, "{more:?}: {ran:?}");
-        assert_eq!(ran.json()["verdict"], "rejected");
-    }
-}
-
 /// The chip reads the end of its range over an arc, and does not say so.
 #[test]
 fn a_turn_in_which_an_axis_clips_is_refused_and_the_axis_named() {

@@ -625,17 +625,6 @@ fn sensors_that_are_read_after_the_magnetometer_are_not_missing() {
     assert!((0.5..0.6).contains(&missing), "{missing}");
 }
 
-#[test]
-fn a_gyro_that_dies_in_a_level_turn_is_named_within_three_seconds() {
-    let settings = Settings::default();
-    let mut readings = readings(&settings);
-    for reading in readings.iter_mut().filter(|reading| reading.t_s > 8.0) {
-        reading.rate_rad_s = reading.rate_rad_s.map(|_| Vector3::zeros());
-    }
-    let named = play(&readings, Some(shifted(&settings, 0.0)), 0).when("gyro_dead");
-    assert!((8.5..11.0).contains(&named[0]), "{named:?}");
-}
-
 /// How many headings after this time are off by more than so many degrees, and by more than so many of their own deviations.
 fn sure(
     headings: &[Heading],
