@@ -235,9 +235,9 @@ impl Estimate {
     }
 
     /// Passes the change of the attitude's gyro bias to all filters. With `measured`, the active filter, its rival and those kept for a
-    /// visit or an iron trial also learn from it. With `wait` (frame lost or gyro at fault) no prediction adds their bias walk, so the
+    /// visit or an iron trial also learn from it. With `walks` (frame lost or gyro at fault) no prediction adds their bias walk, so the
     /// attitude's is added here.
-    fn learn_of_gyro_bias(&mut self, sample: &Sample, measured: bool, wait: bool) {
+    fn learn_of_gyro_bias(&mut self, sample: &Sample, measured: bool, walks: bool) {
         let after = sample.board.gyro_bias;
         let before = self.gyro_bias.replace(after).unwrap_or(after);
         let learnt = BiasLearnt::between(&before, &after, measured);
@@ -245,7 +245,7 @@ impl Estimate {
         let active_and_rival = [Some(&mut self.active), rival].into_iter().flatten();
         let kept = self.visit.filters().chain(self.trial.filter());
         for filter in active_and_rival.chain(kept) {
-            filter.take_gyro_bias(&learnt, wait, self.parameters_fixed);
+            filter.take_gyro_bias(&learnt, walks, self.parameters_fixed);
         }
         let learnt = learnt.unmeasured();
         if let Some(suspended) = &mut self.suspended {

@@ -65,7 +65,7 @@ pub struct FrozenWatch {
     rest: RestRate,
     /// When the field last changed, seconds.
     changed_s: f64,
-    /// The field when the gyro's run began, and anew after each `BELIED_RAD` of it, and how far it has gone from there.
+    /// The field at the beginning of the gyro's run (taken anew after each `BELIED_RAD`), and the largest distance from it since.
     seen: Option<(Vector3<f64>, f64)>,
     magnetometer_frozen: bool,
     gyro_frozen: bool,

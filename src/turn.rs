@@ -19,8 +19,8 @@ use vertical::Vertical;
 
 /// Progress, as a share of a turn, from which the detector about the vertical takes precedence.
 const ABOUT_TO_TURN: f64 = 0.9;
-/// Rotation for which the chain's detector then waits for it, radians (20°). It waits without limit if the detector about the vertical
-/// itself waits for the rest of a turn.
+/// From then on the chain's detector waits for that one for this much rotation, radians (20°), and without limit while that one waits for
+/// the rest of a turn.
 const PATIENCE_RAD: f64 = 0.35;
 
 /// Highest mean rate of a full turn, degrees a second: a faster one means that the gyro's unit is wrong.

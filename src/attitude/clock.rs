@@ -83,8 +83,8 @@ impl EvenClock {
         self.newest.map(|(newest_s, _)| newest_s)
     }
 
-    /// Rotation from the last tick to `t_s`, freed of `bias`, with the newest rate held beyond the newest
-    /// reading; `None` if that reading is further away than a gap.
+    /// Rotation from the last tick to `t_s` without `bias`. Beyond the newest reading its rate is held; `None` if that reading is further
+    /// away than a gap.
     pub(super) fn beyond_tick_rad(&self, t_s: f64, bias: Vector3<f64>) -> Option<Vector3<f64>> {
         let (newest_s, rate) = self.newest?;
         // Also false for a time that is no number.

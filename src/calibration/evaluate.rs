@@ -187,8 +187,8 @@ impl TurnFit<'_> {
         sightings
     }
 
-    /// Distance of the field at rest before the turn from the mean field of the turn's first part, in the gyro's frame, as a share of this
-    /// strength, less what the vertical field adds if the board was not level at rest.
+    /// How far the field at rest before the turn is from the mean of the turn's first part, in the gyro's frame, as a share of this
+    /// strength. What a lean at rest adds by the vertical field is taken off.
     /// `None` without a sample at rest, or if the gyro was lost in between.
     fn rest_share<const D: usize, const P: usize>(
         &self,

@@ -70,7 +70,7 @@ pub struct Outcome {
     pub unobserved: &'static [&'static str],
     /// How many samples took part.
     pub samples: Samples,
-    /// What the swarm saw, from its first to its last sample, counted from 0 over the total; `end` is the first one outside.
+    /// From the first to the last sample that the swarm saw, as indices among all; `end` is the first one outside.
     pub window: Option<Range<usize>>,
     /// What the swarm found, before refinement.
     pub swarm: Option<SwarmReport>,

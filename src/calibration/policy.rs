@@ -11,7 +11,7 @@ words! {
         On = "on",
         /// Only on request.
         Off = "off",
-        /// Never, while there is an active calibration: that one is not replaced.
+        /// While a calibration is active, never: it is not replaced.
         Locked = "locked",
     }
 }

@@ -11,9 +11,9 @@ use crate::attitude::Pose;
 use crate::frame::Mounting;
 use crate::turn::Turn;
 
-/// A board that turns by less than this, 0.6°, …
+/// A board rests if it turns by less than this, radians (0.6°), within `REST_S`: a turn of a minute makes 3° in that time.
 const RESTING_RAD: f64 = 0.01;
-/// … in this time, seconds, rests: a turn of a minute makes 3°.
+/// Time over which rest is judged, seconds.
 const REST_S: f64 = 0.5;
 /// Rest is looked for in the last seconds before the turn: the gyro has hardly drifted since.
 const REST_BEFORE_S: f64 = 5.0;

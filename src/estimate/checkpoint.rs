@@ -88,7 +88,8 @@ impl Estimate {
         }
     }
 
-    /// Sets the gyro's checkpoint once it repeats its reading; not at rest, if the gyro has no noise. Called before a sample is taken.
+    /// Sets the gyro's checkpoint while its reading repeats. At rest a gyro without noise repeats it anyway: then the checkpoint is dropped.
+    /// Called before a sample is taken.
     pub(super) fn watch_for_hung_gyro(&mut self, sample: &Sample) {
         let constant_s = sample.board.gyro_constant_s;
         self.gyro_noiseless |= sample.board.still && constant_s > MOST_PERIOD_S;

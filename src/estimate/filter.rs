@@ -142,7 +142,7 @@ pub(super) struct Filter {
     pub(super) begun: bool,
     /// Time in motion without a disturbance since this frame began, summed, seconds.
     pub(super) undisturbed_s: f64,
-    /// Strength of the field in which its calibration was made, milligauss, until there is a field to compare.
+    /// Strength of the field in which its calibration was made, milligauss; `None` once it has been compared.
     made_in_mgauss: Option<f64>,
     /// Orientation at the first sample, body to frame.
     first_attitude: Option<Matrix3<f64>>,

@@ -91,8 +91,8 @@ impl RestRate {
         (speed >= TURN_RAD_S).then_some(speed)
     }
 
-    /// The same by the mean rate or by this one, whichever is nearer to rest: the mean has no noise, and this rate shows at once that a
-    /// turn has ended. 0 where that may be bias.
+    /// Like `turn_rad_s`, but by the mean rate or by this one, whichever is nearer to rest: the mean has no noise, and this rate shows at
+    /// once that a turn has ended. 0 where that may be bias.
     pub(super) fn turn_at_rad_s(&self, rate: Vector3<f64>) -> f64 {
         match (self.known(), self.turn_rad_s()) {
             (Some(known), Some(speed)) => speed.min((rate - known).norm()),

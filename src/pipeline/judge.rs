@@ -101,7 +101,7 @@ impl Pipeline {
             let message = if self.sd_deg <= self.setup.pipeline.publish_sd_deg {
                 "no accelerometer data: headings hold for a board that is level"
             } else {
-                "no accelerometer data, and so no heading is certain enough yet: keep the board level and turn it, for some minutes"
+                "no accelerometer data, and so no heading is certain enough yet: keep the board level, and turn it for some minutes"
             };
             return self.report_as(Condition::Degraded, "no_accelerometer", message);
         }

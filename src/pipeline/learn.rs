@@ -26,8 +26,8 @@ pub(super) struct Learning {
     pub(super) initial: Option<Calibration>,
     /// Whether there has been a calibration worth a heading.
     pub(super) calibrated: bool,
-    /// The parameters kept last, their deviation, degrees, and when. A pipeline that starts with a turn's calibration has no
-    /// deviation yet: that of the fit leaves out the place and the rotation between chips.
+    /// The parameters kept last, their deviation, degrees, and when. The deviation is unknown at first if a pipeline starts with a
+    /// turn's calibration: the fit's leaves out the place and the rotation between the chips.
     last: Option<Parameters>,
     last_sd_deg: Option<f64>,
     last_s: f64,

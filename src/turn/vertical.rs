@@ -15,7 +15,7 @@ const NOTE_S: f64 = 0.1;
 const CREEP_RAD_S: f64 = 3.0 * PI / 180.0;
 /// Time over which creeping is judged, seconds.
 const CREEP_S: f64 = 0.5;
-/// How far orientation may lag behind the integrated rate: bias at rest, levelling.
+/// How far the turn by orientation may be behind that by the integrated rate, radians (15°): rest and levelling take from it.
 const SLACK_RAD: f64 = 15.0 * PI / 180.0;
 /// Turning back by more than this, radians, starts a new turn; a hand wavers by less.
 const BACK_RAD: f64 = 10.0 * PI / 180.0;

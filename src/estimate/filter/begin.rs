@@ -111,8 +111,8 @@ impl Filter {
     }
 
     /// Begins the state. With a calibration it begins at once; otherwise once the board has turned by `BEGIN_RAD`, with half of the field
-    /// taken for iron. With `fixed`, a calibration holds whatever the field's strength. Returns whether the caller must still apply this
-    /// sample: no if the state has not begun, and no with a calibration, where the field comes from this sample and no sample counts twice.
+    /// taken for iron. With `fixed`, a calibration holds whatever the field's strength. Returns whether the caller is to
+    /// apply this sample: not before the state has begun, nor where a calibration begins it, since then the field is from this sample.
     pub(super) fn begin(&mut self, input: &Input, fixed: bool) -> bool {
         let first = *self.first_attitude.get_or_insert(input.to_frame);
         if let Some(measured) = self.measured.take() {

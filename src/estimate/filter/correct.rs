@@ -202,8 +202,8 @@ impl Filter {
         again
     }
 
-    /// x ← x + K ν, P ← P − K Cᵀ. D and G are corrected only in part. If innovations repeat (`whiteness`), so is b. With `fixed`, b and D
-    /// stay.
+    /// x ← x + K ν, P ← P − K Cᵀ. D and G are corrected only in part, and b too while innovations repeat (`whiteness`). With `fixed`, b and
+    /// D stay.
     fn update(
         &mut self,
         gain: &SMatrix<f64, N, 3>,

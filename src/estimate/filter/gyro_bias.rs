@@ -89,8 +89,8 @@ impl Filter {
         }
     }
 
-    /// Follows the attitude's bias, and learns what the attitude has measured of it. With `walks`, which is for a filter that does not predict
-    /// meanwhile, the bias walks as far as the attitude's. With `fixed`, hard iron and matrix stay as they are.
+    /// Follows the attitude's bias, and learns what the attitude has measured of it. With `walks`, the attitude's walk is added here, since
+    /// this filter does not predict meanwhile. With `fixed`, hard iron and matrix stay as they are.
     pub fn take_gyro_bias(&mut self, learnt: &BiasLearnt, walks: bool, fixed: bool) {
         if walks {
             self.gyro_bias_walk.doubt(learnt.walked2);
