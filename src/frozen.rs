@@ -1,7 +1,7 @@
 //! Notices a sensor that repeats its value while the board turns: its chip hangs, or whoever reads it does.
 //!
-//! At rest a coarse sensor, or a simulated one without noise, may well repeat its value for ever. So only values that come
-//! while the gyro shows motion count.
+//! At rest a coarse sensor, or a simulated one without noise, may well repeat its value for ever. So only values that come while the gyro
+//! shows motion count. `axis` notices a single axis, by the noise of the other two.
 
 mod axis;
 mod rest;
