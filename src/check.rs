@@ -69,7 +69,7 @@ where
     }
 }
 
-/// What a key's own check finds. A function, so that a closure's arguments need no types.
+/// What a key's own check finds. Its bound gives a closure's arguments their types.
 pub fn checked<T>(
     key: &str,
     value: &T,
@@ -123,8 +123,8 @@ impl<T: Numbers, const N: usize> Numbers for [T; N] {
     }
 }
 
-/// Declares settings: each key once, with its default; where it is a number, its range and unit; and behind `=>` a check of
-/// its own, which takes key and value. `compares` names a function that collects the faults between keys.
+/// Declares settings: each key once, with its default; where it is a number, its range and unit; and after `=>` a check of
+/// the value, `|key, value|`. `compares` names a function that collects the faults between keys.
 macro_rules! settings {
     (
         $(#[$about:meta])*

@@ -173,7 +173,7 @@ fn open(path: &Path) -> io::Result<(File, io::Result<()>)> {
     Ok((file, writable))
 }
 
-/// The process that has signed it; none has for a moment after the lock is taken.
+/// The process that has signed it; `None` for the moment between lock and signature.
 fn holder(file: &File) -> Option<u32> {
     let mut text = String::new();
     file.take(LONGEST).read_to_string(&mut text).ok()?;

@@ -210,8 +210,14 @@ fn to_thousandths(value: f64) -> f64 {
     rounded(value, 3)
 }
 
-/// Beginnings of the reasons that say what is wrong with the chips or how they are mounted.
-const CHIPS_AT_FAULT: [&str; 4] = ["gyro_", "accel_", "mag_", "reversed_"];
+/// Reasons, beside those of the gyro, that say what is wrong with the chips or how they are mounted.
+const CHIPS_AT_FAULT: [&str; 5] = [
+    "accel_unit",
+    "accel_axes",
+    "accel_dead",
+    "mag_axes",
+    "reversed_field",
+];
 
 fn log_report(report: &Report) {
     let (word, reason) = (report.condition.word(), report.reason);
@@ -220,7 +226,8 @@ fn log_report(report: &Report) {
     let worth_a_look = matches!(
         report.condition,
         Condition::Stale | Condition::Fault | Condition::Disturbed
-    ) || CHIPS_AT_FAULT.iter().any(|chip| reason.starts_with(chip));
+    ) || reason.starts_with("gyro_")
+        || CHIPS_AT_FAULT.contains(&reason);
     if worth_a_look {
         tracing::warn!(reason, t_s, "{word}: {}", report.message);
     } else {

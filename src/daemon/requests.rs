@@ -52,7 +52,7 @@ impl Daemon {
                     ok: false,
                     code: "not_kept",
                     message: format!(
-                        "{}, but this is not on disk yet: {why}. It is tried again, and lost if the daemon stops before that succeeds",
+                        "{}, but it is not on disk yet ({why}); saving is tried again, and if the daemon stops first, the change is lost",
                         done.message
                     ),
                     ..done

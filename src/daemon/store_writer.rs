@@ -34,7 +34,7 @@ pub(super) struct StoreWriter {
 
 enum Job {
     Load(Identity, mpsc::Sender<Option<History>>),
-    /// Saves the newest histories; the answer is for this sensor's.
+    /// Saves all that is unsaved; the result told is that of this sensor's history.
     Save(Identity, OnSaved),
 }
 
@@ -155,7 +155,7 @@ struct WriterThread {
     known: CalibrationFile,
     newest: Shared<CalibrationFile>,
     unsaved: CalibrationFile,
-    /// Open the folder again at the next attempt, since another disk may be mounted there by then; keep the old lock until that has succeeded.
+    /// The next attempt opens the folder again, since another disk may be mounted there; the old lock is held until that has succeeded.
     reopen: bool,
     pause: Duration,
     fault: Shared<Option<String>>,

@@ -9,15 +9,15 @@ use nalgebra::Vector3;
 const MEAN_READINGS: f64 = 50.0;
 /// One that is larger than the least mean so far by this factor, 4 to 6 deviations of noise, is motion or vibration.
 const QUIET: f64 = 6.0;
-/// Each of the other axes must reverse so often. On an axis with half their noise, at the middle of its finest step, the value then repeats
-/// by chance once in 10¹³ times.
+/// An axis is dead if it has repeated its value while each of the others reversed so often. On an axis with half their noise, at the middle
+/// of its finest step, the value repeats for so long by chance once in 10¹³ times.
 const REVERSALS: u32 = 30;
-/// Within so many readings: motion that reverses so often is a vibration faster than a fifteenth of the sampling rate.
+/// They must do so within this many readings: only a vibration faster than a fifteenth of the sampling rate reverses as often.
 const READINGS: u32 = 200;
 /// A second difference counts if it exceeds the axis's finest step by this factor. Noise that is small against the step goes to and fro between
 /// two values, which makes two steps, and may stand still on another axis.
 const STEPS: f64 = 2.5;
-/// And if it is larger than this share of the value that is repeated, which may be written with three digits.
+/// It must also exceed this share of the repeated value: a log may have three digits.
 const DIGITS: f64 = 0.01;
 
 /// Follows the values of a sensor's three axes.

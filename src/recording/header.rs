@@ -248,7 +248,7 @@ fn next_line<'a, R: BufRead>(
     Err(wrong(log, before + 1, what))
 }
 
-/// The version in the first line of a log, if it is one.
+/// The format version that a line names, if it is the first line of a log.
 pub fn version(text: &str) -> Option<u32> {
     let comment = text.trim_start_matches('\u{feff}').strip_prefix('#')?;
     comment.trim().strip_prefix(MAGIC)?.trim().parse().ok()

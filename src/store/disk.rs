@@ -70,7 +70,8 @@ pub(super) fn remove_leftovers(directory: &Path, name: &str) -> io::Result<()> {
     Ok(())
 }
 
-/// Makes a rename durable: the folder has changed, so it is synced. Not every file system can, nor can who may not read it.
+/// Makes a rename durable: the folder has changed, so it is synced. Some file systems cannot do that, and
+/// neither can a user who may not read the folder: that is no error.
 pub(super) fn sync_folder(directory: &Path) -> io::Result<()> {
     use io::ErrorKind::{InvalidInput, PermissionDenied, Unsupported};
     let synced = File::open(directory).and_then(|folder| folder.sync_all());

@@ -10,8 +10,8 @@ const TOLERANCE: f64 = 0.05;
 /// Nothing arrives before it was sent. A reading that is early by more, seconds, is of a clock that has leapt: no
 /// clock gains as much between two looks at it.
 const EARLY_S: f64 = 0.1;
-/// A clock that goes back by more, seconds, has begun anew. By less, a row was sent out of order, or the clock was set back: then the
-/// readings stay late.
+/// A clock that goes back by more, seconds, has begun anew. By less, rows came out of order; a clock that was
+/// set back shows in readings that stay late.
 const BACK_S: f64 = 0.1;
 /// Readings that are later than this, seconds, …
 const LATE_FROM_S: f64 = 0.1;

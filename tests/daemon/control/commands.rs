@@ -1,7 +1,7 @@
 //! `headingd status` and `headingd calibration`: what they print, and how they end.
 
 use std::fs::{self, File, Permissions};
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::os::unix::net::UnixListener;
 use std::os::unix::process::CommandExt;
@@ -294,6 +294,9 @@ fn a_change_that_is_not_kept_and_a_daemon_that_is_deaf_are_told_apart() {
         let listener = listener.try_clone().unwrap();
         let thread = std::thread::spawn(move || {
             let (mut stream, _) = listener.accept().unwrap();
+            BufReader::new(&stream)
+                .read_line(&mut String::new())
+                .unwrap();
             stream.write_all(said.as_bytes()).unwrap();
         });
         let (status, _, err) = headingd(&["status", "--socket", &hangs_up]);
