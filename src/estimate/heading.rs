@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+use super::prior::USUAL_UNEVENNESS;
 use super::strength::{MOST_RAW_MGAUSS, horizontal, sd_along};
 use super::{Estimate, EstimatedHeading, kept, level};
 use crate::attitude::Pose;
@@ -17,6 +18,9 @@ const DOUBT: f64 = 0.45;
 /// A scale error of the gyro turns the field in the frame by that share of the angle to the mean heading. RMS of this angle, radians:
 /// uniform up to half a turn, π/√3.
 const TURNED_RAD: f64 = PI / 1.732;
+
+/// A field whose strength differs by more than so many deviations of a usual place's is not only the place's.
+const MOST_PLACE: f64 = 3.0;
 
 impl EstimatedHeading {
     /// A heading in degrees with its deviation in radians, which is at most half a turn.
@@ -154,12 +158,15 @@ impl Estimate {
             return None;
         }
         let corrected = self.corrected(field_mgauss)?;
-        if let Some(kept) = self.kept_alone() {
-            return kept::heading(kept, &self.mounting, &corrected, down);
-        }
         let (axis, tilt_sd) = level::known_or_level(down);
-        let heading = heading_deg(&corrected, &axis)?;
         let (vertical, horizontal) = level::split(&corrected, &axis);
+        let strange = self.strange_mgauss(&corrected) / horizontal;
+        if let Some(kept) = self.kept_alone() {
+            let found = kept::heading(kept, &self.mounting, &corrected, down)?;
+            let sd = hypot(found.sd_deg.to_radians(), strange);
+            return Some(EstimatedHeading::new(found.heading_deg, sd));
+        }
+        let heading = heading_deg(&corrected, &axis)?;
         let east = axis.cross(&corrected) / horizontal;
         let (known_vertical, known_horizontal) =
             self.known_parts().unwrap_or((vertical, horizontal));
@@ -173,7 +180,15 @@ impl Estimate {
         let tilt = tilt_sd * vertical;
         let sd = (own + tilt * tilt).sqrt() / horizontal;
         let sd = hypot(sd, rate_rad_s * self.active.lag_beyond_s(0.0));
-        Some(EstimatedHeading::new(heading, sd))
+        Some(EstimatedHeading::new(heading, hypot(sd, strange)))
+    }
+
+    /// By how much a corrected field is stronger or weaker than the known one, beyond what places differ by, milligauss. Its direction is off
+    /// by as much.
+    fn strange_mgauss(&self, corrected: &Vector3<f64>) -> f64 {
+        let known = self.strength_mgauss();
+        let off = (corrected.norm() - known).abs();
+        (off - MOST_PLACE * USUAL_UNEVENNESS * known).max(0.0)
     }
 
     /// The parts of the known field along down and across it, milligauss; `None` if the vertical is unknown.
