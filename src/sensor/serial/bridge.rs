@@ -171,6 +171,12 @@ impl Bridge {
                     self.found = protocol;
                     let (port, name) = (self.settings.port.display(), self.found.name());
                     tracing::info!("the device at {port} sends {name}");
+                    if self.log_rows.lacks_header() {
+                        tracing::warn!(
+                            "no header has come from {port}: its rows count in milligauss, rad/s and m/s², by the axes of [mounting]. If its header says \
+                             otherwise, headings are wrong: reset the device, and let it repeat the header"
+                        );
+                    }
                 }
                 None
             }

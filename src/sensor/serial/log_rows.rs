@@ -84,6 +84,11 @@ impl LogRows {
         self.turn();
     }
 
+    /// Whether rows count in assumed units and axes, since no header has come.
+    pub fn lacks_header(&self) -> bool {
+        !self.has_header && self.waited_s >= HEADER_S
+    }
+
     /// Decodes `bytes`, and calls `found` with each completed item.
     pub fn feed(&mut self, mut bytes: &[u8], mut found: impl FnMut(Item)) {
         let mut lines = std::mem::take(&mut self.lines);
