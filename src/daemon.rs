@@ -17,7 +17,6 @@ mod remedy;
 mod requests;
 mod ring;
 mod sensor_store;
-mod service_client;
 mod session;
 mod source_task;
 mod store_writer;
@@ -49,7 +48,6 @@ pub use recorder::RecordError;
 pub use reload::NewConfig;
 use reload::Reload;
 use sensor_store::RunningStore;
-pub use service_client::ListenError;
 use session::{DISK_PATIENCE, Session, SourceState};
 use source_task::SourceTask;
 
@@ -60,11 +58,6 @@ const WAITING_REQUESTS: usize = 8;
 pub enum DaemonError {
     #[error("{}", Settings::UNSET)]
     NoSource,
-    #[error(
-        "{service}; and without a service, a source is needed: {}",
-        Settings::UNSET
-    )]
-    NothingToRecord { service: ListenError },
     #[error(transparent)]
     Replay(#[from] RecordingError),
     /// There was no reading, or most of them cannot be used; and why.
@@ -72,8 +65,6 @@ pub enum DaemonError {
     Unusable(String),
     #[error(transparent)]
     Bind(#[from] BindError),
-    #[error(transparent)]
-    Listen(#[from] ListenError),
     #[error(transparent)]
     Store(StoreError),
     #[error("the last calibrations and settings are lost: {0}")]

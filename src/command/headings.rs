@@ -8,8 +8,10 @@ use std::time::Duration;
 use serde_json::Value;
 
 use super::control::{PATIENCE, connect, is_timeout, unreachable};
-use super::{Failure, config_file};
+use super::{Failure, OrFail, config_file};
 use crate::config::Config;
+use crate::publish::raw::{self, Object};
+use crate::recording::Header;
 
 /// No message is longer, bytes: that of a board with all its remarks is the longest.
 const LONGEST: u64 = 1 << 20;
@@ -72,7 +74,8 @@ impl Headings {
         Self::greet(path, stream, watch)
     }
 
-    fn greet(path: &Path, mut stream: UnixStream, watch: &str) -> Result<Self, Failure> {
+    /// The same on a connection that the daemon has taken.
+    pub fn greet(path: &Path, mut stream: UnixStream, watch: &str) -> Result<Self, Failure> {
         match stream.write_all(format!("?WATCH={watch};\n").as_bytes()) {
             // A daemon that has hung up may have said why: one that is full does.
             Err(error) if error.kind() == ErrorKind::BrokenPipe => {}
@@ -87,14 +90,46 @@ impl Headings {
             asked: true,
         };
         headings.set_patience(PATIENCE)?;
-        if headings.object()?["class"] == "VERSION" {
+        headings.line()?;
+        if headings.parsed()?.unwrap_or_default()["class"] == "VERSION" {
             return Ok(headings);
         }
         let message = format!(
-            "{} is not headingd's socket for headings: name that with --socket, or the configuration with --config",
+            "{} is not headingd's socket for headings: name the configuration with --config, or the socket with --socket where \
+             the command takes it",
             path.display()
         );
         Err(Failure::new(Failure::DATA, message))
+    }
+
+    /// Whose raw readings follow: a daemon that is asked for them says that at once.
+    pub fn board(&mut self) -> Result<Header, Failure> {
+        while let Some(object) = self.object_in_time()? {
+            if let Ok(Object::Board { header }) = serde_json::from_value(object) {
+                let what = format!(
+                    "cannot read the board of headingd at {}",
+                    self.path.display()
+                );
+                return raw::header(&header).or_fail(Failure::DATA, what);
+            }
+        }
+        Err(unreachable(&self.path, &ErrorKind::TimedOut.into()))
+    }
+
+    /// What comes after the board, or [`Object::Other`] where nothing comes within the patience that is set. Another board ends the
+    /// readings of the first, and becomes a `Failure`.
+    pub fn raw_in_time(&mut self) -> Result<Object, Failure> {
+        let object = self.object_in_time()?.unwrap_or_default();
+        match serde_json::from_value(object) {
+            Ok(Object::Board { .. }) => {
+                let path = self.path.display();
+                let message = format!(
+                    "headingd at {path} reads another board now: start again for its readings"
+                );
+                Err(Failure::new(Failure::UNAVAILABLE, message))
+            }
+            object => Ok(object.unwrap_or(Object::Other)),
+        }
     }
 
     /// Passes over everything that the daemon has sent so far.
@@ -180,19 +215,25 @@ impl Headings {
 
     /// The next object, or `None` where it does not come within the patience that is set.
     pub fn object_in_time(&mut self) -> Result<Option<Value>, Failure> {
-        loop {
-            if !self.read()? {
-                return Ok(None);
+        while self.read()? {
+            let object = self.parsed()?;
+            if object.is_some() {
+                return Ok(object);
             }
-            let Ok(object) = serde_json::from_str::<Value>(self.text()) else {
-                continue;
-            };
-            if object["class"] == "ERROR" {
-                let why = object["message"].as_str().unwrap_or("an error");
+        }
+        Ok(None)
+    }
+
+    /// The last line as an object, if it is one. An `ERROR` becomes a `Failure`.
+    fn parsed(&self) -> Result<Option<Value>, Failure> {
+        let object: Option<Value> = serde_json::from_str(self.text()).ok();
+        match object {
+            Some(error) if error["class"] == "ERROR" => {
+                let why = error["message"].as_str().unwrap_or("an error");
                 let message = format!("headingd at {} refuses: {why}", self.path.display());
-                return Err(Failure::new(Failure::UNAVAILABLE, message));
+                Err(Failure::new(Failure::UNAVAILABLE, message))
             }
-            return Ok(Some(object));
+            object => Ok(object),
         }
     }
 }

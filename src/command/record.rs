@@ -1,13 +1,28 @@
 //! `headingd record`: raw readings of any source into a log.
 
-use std::path::PathBuf;
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::thread;
 use std::time::{Duration, Instant};
 
+use tokio::sync::mpsc::{self, Sender};
+
+use super::control::connect;
+use super::headings::Headings;
 use super::runtime::{ENDS, Signals, outlive_file_limits, runtime};
 use super::{Failure, config_file, number, overwrite, tell};
+use crate::config::Config;
 use crate::config::source::Kind;
+use crate::daemon::DaemonError;
 use crate::daemon::record::Recording;
 use crate::logging::Log;
+use crate::publish::raw::{Object, Row};
+
+/// Raw readings, and the condition, which tells why none come.
+const WATCH: &str = r#"{"enable":true,"json":false,"state":true,"readings":true}"#;
+
+/// How many readings of a service wait for the recording; then the service's wait, and it leaves some out.
+const WAITING: usize = 64;
 
 /// Record raw readings into a log, until told to stop
 ///
@@ -44,7 +59,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             // An error means that the time is over.
             let _ = tokio::time::timeout(longest, signals.received()).await;
         };
-        let recording = Recording::open(&config).await?;
+        let recording = open(&config)?;
         let into = match args.out.to_str() {
             Some("-") => "standard output".into(),
             _ => args.out.to_string_lossy(),
@@ -75,4 +90,67 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             }
         }
     }))
+}
+
+/// Finds the readings: those of the service on the configuration's socket, or else of the configuration's source. Needs a runtime.
+fn open(config: &Config) -> Result<Recording, Failure> {
+    let socket = &config.socket.socket;
+    // Ask the service first: a pipe that is opened twice splits its rows between both readers.
+    let no_service = match connect(socket) {
+        Ok(stream) => return of_service(socket, stream),
+        Err(error) => error,
+    };
+    Recording::open(config).map_err(|error| match error {
+        DaemonError::NoSource => {
+            let socket = socket.display();
+            let message = format!(
+                "cannot record from a service at {socket}: {no_service}; and without a service, a source is needed: {error}"
+            );
+            Failure::new(Failure::CONFIG, message)
+        }
+        error => error.into(),
+    })
+}
+
+/// Asks the service that has taken this connection for its readings. One that gives none counts as unavailable.
+fn of_service(socket: &Path, stream: UnixStream) -> Result<Recording, Failure> {
+    let unavailable = |failure: Failure| Failure::new(Failure::UNAVAILABLE, failure);
+    let mut service = Headings::greet(socket, stream, WATCH).map_err(unavailable)?;
+    let header = service.board().map_err(unavailable)?;
+    let (rows, received) = mpsc::channel(WAITING);
+    // Ends with the command at the latest.
+    thread::spawn(move || listen(service, &rows));
+    Ok(Recording::of_service(socket, header, received))
+}
+
+/// Hands out readings until the service hangs up, at the end of its source or its own, or reads another board. Logs that, and faults
+/// of the source.
+fn listen(mut service: Headings, rows: &Sender<Row>) {
+    let mut told = None;
+    loop {
+        match service.raw_in_time() {
+            Ok(Object::Reading(row)) => {
+                // The recording has ended.
+                let Ok(()) = rows.blocking_send(row) else {
+                    return;
+                };
+            }
+            Ok(Object::State { cal_state, message }) => {
+                let fault = (cal_state == "fault").then_some(message);
+                if fault != told {
+                    match &fault {
+                        Some(message) => tracing::warn!("{message}"),
+                        None => tracing::info!("there are readings again"),
+                    }
+                    told = fault;
+                }
+            }
+            // A service whose source is silent has nothing to send.
+            Ok(_) => {}
+            Err(failure) => {
+                tracing::warn!("the recording ends: {failure}");
+                return;
+            }
+        }
+    }
 }

@@ -18,7 +18,7 @@ use crate::config::Config;
 use crate::config::source::Kind;
 use crate::position::{Follower, Gpsd};
 use crate::publish::control::ControlRequest;
-use crate::publish::raw::{self, Object};
+use crate::publish::raw::Object;
 use crate::recording::{Header, TimeOfDay};
 use crate::report::{Analysis, page};
 use crate::sensor::replay::Replay;
@@ -126,6 +126,7 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
         _ => DaemonSockets::beside(&config.socket.socket, config),
     };
     let mut headings = Headings::open(&sockets.headings, WATCH)?;
+    let mut analysis = begin(&sockets, headings.board()?, config);
     headings.set_patience(PATIENCE)?;
     // A daemon that replays a log was not here and now when the log was recorded: neither gpsd nor clock counts.
     let live = config.source.kind != Some(Kind::Replay);
@@ -136,7 +137,6 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
         args.duration
     ));
     let begun = Instant::now();
-    let mut found: Option<Analysis> = None;
     let mut early = None;
     loop {
         let passed_s = begun.elapsed().as_secs_f64();
@@ -144,34 +144,20 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
             break;
         }
         progress::set(&bar, passed_s / args.duration);
-        let object = match headings.object_in_time() {
-            Ok(Some(object)) => object,
-            Ok(None) => continue,
-            Err(failure) if found.is_some() => {
+        match headings.raw_in_time() {
+            Ok(Object::Reading(row)) => {
+                if let Some(position) = gpsd.as_mut().and_then(Follower::news) {
+                    analysis.put_position(position);
+                }
+                // A computer without a real-time clock uses the receiver's time.
+                let now = || wall_clock::now().or_else(|| gpsd.as_ref()?.now());
+                analysis.take(row.reading(), live.then(now).flatten());
+            }
+            Ok(_) => {}
+            Err(failure) => {
                 early = Some(failure.message);
                 break;
             }
-            Err(failure) => return Err(failure),
-        };
-        match serde_json::from_value(object) {
-            Ok(Object::Board { .. }) if found.is_some() => {
-                early = Some("the daemon reads another board now".to_owned());
-                break;
-            }
-            Ok(Object::Board { header }) => {
-                found = Some(begin(&sockets, raw::header(&header)?, config));
-            }
-            Ok(Object::Reading(row)) => {
-                if let Some(analysis) = &mut found {
-                    if let Some(position) = gpsd.as_mut().and_then(Follower::news) {
-                        analysis.put_position(position);
-                    }
-                    // A computer without a real-time clock uses the receiver's time.
-                    let now = || wall_clock::now().or_else(|| gpsd.as_ref()?.now());
-                    analysis.take(row.reading(), live.then(now).flatten());
-                }
-            }
-            _ => {}
         }
     }
     drop(bar);
@@ -184,10 +170,11 @@ fn of_daemon(args: &Args, config: &Config) -> Result<Analysis, Failure> {
             config.true_north.gpsd
         ));
     }
-    found.filter(Analysis::has_readings).ok_or_else(|| {
-        let why = "the daemon has handed out no readings: headingd status says why";
-        Failure::new(Failure::UNAVAILABLE, why)
-    })
+    if analysis.has_readings() {
+        return Ok(analysis);
+    }
+    let why = "the daemon has handed out no readings: headingd status says why";
+    Err(Failure::new(Failure::UNAVAILABLE, why))
 }
 
 /// An analysis that begins as the daemon is now, as far as this user may ask.

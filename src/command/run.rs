@@ -32,10 +32,8 @@ impl From<DaemonError> for Failure {
         let status = match &error {
             DaemonError::Replay(error) => log_status(error),
             DaemonError::Unusable(_) => Self::DATA,
-            DaemonError::NoSource | DaemonError::NothingToRecord { .. } => Self::CONFIG,
-            DaemonError::Bind(_) | DaemonError::Listen(_) | DaemonError::Store(_) => {
-                Self::UNAVAILABLE
-            }
+            DaemonError::NoSource => Self::CONFIG,
+            DaemonError::Bind(_) | DaemonError::Store(_) => Self::UNAVAILABLE,
             DaemonError::Serve { .. } | DaemonError::NotKept(_) => Self::IO,
             DaemonError::Record(error) if error.at_start => Self::CANNOT_CREATE,
             DaemonError::Record(_) | DaemonError::Unanswered => Self::IO,

@@ -6,15 +6,17 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use tempfile::TempDir;
+use tokio::sync::mpsc;
 use tokio::time::timeout;
 
 use super::recorder::{RecordError, Recorder};
-use super::service_client::ServiceClient;
 use super::source_task::SourceTask;
 use super::{Daemon, DaemonError};
 use crate::config::source::Kind;
 use crate::config::{Config, record};
+use crate::publish::raw::Row;
 use crate::publish::server::BindFault;
+use crate::recording::Header;
 use crate::service::Service;
 
 /// At the end a disk that hangs is waited for this long.
@@ -23,38 +25,33 @@ const PATIENCE: Duration = Duration::from_secs(1);
 pub struct Recording {
     /// Where the readings come from, for people.
     pub from: String,
+    header: Header,
     origin: ReadingsFrom,
     /// Holds the socket if it cannot be where it is configured. Dropping it removes the folder.
     _folder: Option<TempDir>,
 }
 
 impl Recording {
-    /// Finds the readings: those of the service on the configuration's socket, or else of the configuration's source. In the second case it
-    /// serves headings as the daemon does; if the configured socket cannot be bound, on one in a temporary folder. Without a source a
-    /// service must be there.
-    pub async fn open(config: &Config) -> Result<Self, DaemonError> {
+    /// Of the readings that the service at `socket` hands out, until `rows` is at its end.
+    pub fn of_service(socket: &Path, header: Header, rows: mpsc::Receiver<Row>) -> Self {
+        Self {
+            from: format!("the service at {}", socket.display()),
+            header,
+            origin: ReadingsFrom::Service(rows),
+            _folder: None,
+        }
+    }
+
+    /// Of the configuration's source. Serves headings as the daemon does; if the configured socket cannot be bound, on one in a
+    /// temporary folder. Needs a runtime.
+    pub fn open(config: &Config) -> Result<Self, DaemonError> {
         // One recording is enough. It needs no calibrations, and the store belongs to the service.
         let mut config = Config {
             record: record::Settings::default(),
             ..config.clone()
         };
         config.store.directory = PathBuf::new();
-        // Ask the service first: a pipe that is opened twice splits its rows between both readers.
-        let service = match ServiceClient::connect(&config.socket.socket).await {
-            Ok(client) => {
-                return Ok(Self {
-                    from: format!("the service at {}", config.socket.socket.display()),
-                    origin: ReadingsFrom::Service(Box::new(client)),
-                    _folder: None,
-                });
-            }
-            Err(service) if service.connected => return Err(service.into()),
-            Err(service) => service,
-        };
-        let source = match SourceTask::open(&config) {
-            Err(DaemonError::NoSource) => return Err(DaemonError::NothingToRecord { service }),
-            opened => opened?,
-        };
+        let source = SourceTask::open(&config)?;
         let mut sockets = Service::default();
         let mut folder = None;
         let server = match super::bind(&config, &mut sockets, &source) {
@@ -84,9 +81,11 @@ impl Recording {
             Some(Kind::Replay) => format!("the log {}", source.name),
             _ => source.name.clone(),
         };
+        let header = source.header.clone();
         let daemon = Daemon::serving_on(source, server, control, &config, sockets)?;
         Ok(Self {
             from,
+            header,
             origin: ReadingsFrom::Daemon(Box::new(daemon)),
             _folder: folder,
         })
@@ -100,11 +99,7 @@ impl Recording {
         begun: impl FnOnce() + Send + 'static,
         shutdown: impl Future<Output = ()>,
     ) -> (u64, Result<(), DaemonError>) {
-        let header = match &self.origin {
-            ReadingsFrom::Daemon(daemon) => daemon.session.source.header.clone(),
-            ReadingsFrom::Service(client) => client.header.clone(),
-        };
-        let (mut recorder, mut ending) = match Recorder::file(out, header) {
+        let (mut recorder, mut ending) = match Recorder::file(out, self.header) {
             Ok(started) => started,
             Err(error) => return (0, Err(error)),
         };
@@ -121,7 +116,10 @@ impl Recording {
                 daemon.session.recorder = Some(recorder);
                 daemon.run_until(stop).await
             }
-            ReadingsFrom::Service(client) => from_service(*client, recorder, stop).await,
+            ReadingsFrom::Service(rows) => {
+                from_service(rows, recorder, stop).await;
+                Ok(())
+            }
         };
         let end = match early {
             Some(end) => end,
@@ -138,19 +136,80 @@ impl Recording {
 
 enum ReadingsFrom {
     Daemon(Box<Daemon>),
-    Service(Box<ServiceClient>),
+    Service(mpsc::Receiver<Row>),
 }
 
 async fn from_service(
-    mut client: ServiceClient,
+    mut rows: mpsc::Receiver<Row>,
     mut recorder: Recorder,
     shutdown: impl Future<Output = ()>,
-) -> Result<(), DaemonError> {
-    let ended = tokio::select! {
-        () = shutdown => Ok(()),
-        ended = client.record(&mut recorder) => ended,
+) {
+    let mut losses = Losses::default();
+    let record = async {
+        while let Some(row) = rows.recv().await {
+            losses.count(&row);
+            recorder.take(row.reading());
+        }
     };
-    client.conclude();
+    tokio::select! {
+        () = shutdown => {}
+        () = record => {}
+    }
+    if losses.total > 0 {
+        tracing::warn!(
+            readings = losses.total,
+            "readings of the service were lost on the way into the recording"
+        );
+    }
     recorder.close(PATIENCE).await;
-    Ok(ended?)
+}
+
+/// Counts the readings that are lost on the way from the service.
+#[derive(Default)]
+struct Losses {
+    /// Number of the last reading.
+    seq: Option<u64>,
+    total: u64,
+}
+
+impl Losses {
+    fn count(&mut self, row: &Row) {
+        // The service is not trusted: it may send any number.
+        let lost = match self.seq {
+            Some(last) => row.seq.saturating_sub(last.saturating_add(1)),
+            None => 0,
+        };
+        if lost > 0 && self.total == 0 {
+            tracing::warn!(
+                t_s = row.reading().t_s,
+                "this recording is too slow for the service: readings are lost on the way into it"
+            );
+        }
+        self.total = self.total.saturating_add(lost);
+        self.seq = Some(row.seq);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_numbers_of_a_service_make_the_count_overflow() {
+        let mut losses = Losses::default();
+        for (seq, lost) in [
+            (u64::MAX, 0),
+            (0, 0),
+            (5, 4),
+            (u64::MAX, u64::MAX - 2),
+            (u64::MAX, u64::MAX - 2),
+            (1, u64::MAX - 2),
+            (u64::MAX, u64::MAX),
+        ] {
+            let mut row = Row::default();
+            row.seq = seq;
+            losses.count(&row);
+            assert_eq!(losses.total, lost, "{seq}");
+        }
+    }
 }

@@ -25,9 +25,6 @@ pub enum Object {
         cal_state: String,
         message: String,
     },
-    Error {
-        message: String,
-    },
     #[serde(other)]
     Other,
 }

@@ -118,7 +118,10 @@ fn what_is_recorded_from_a_service_is_what_it_records_by_itself() {
     }
     service.stop();
     let said = process.ends(0);
-    assert!(said.contains("has hung up"), "{said}");
+    assert!(
+        said.contains("the recording ends: headingd has closed"),
+        "{said}"
+    );
 
     for (log, whole) in [(&out, true), (&early, false)] {
         assert_eq!(header(log), header(&by_itself(&rig)));
@@ -207,11 +210,15 @@ fn a_service_that_hands_out_no_readings_is_told_of() {
     for (answer, part) in [
         (
             "{\"class\":\"ERROR\",\"message\":\"32 clients already\"}\r\n",
-            "it says: 32 clients already",
+            "heading.sock refuses: 32 clients already",
         ),
-        ("220 mail\r\n", "sends what headingd does not"),
-        (&endless, "cut within a line"),
-        ("", "has hung up"),
+        ("220 mail\r\n", "is not headingd's socket for headings"),
+        (&endless, "is not headingd's socket for headings"),
+        ("", "headingd has closed"),
+        (
+            "{\"class\":\"VERSION\"}\r\n{\"class\":\"BOARD\",\"header\":\"mail\"}\r\n",
+            "cannot read the board of headingd at",
+        ),
     ] {
         let rig = Rig::new(1.0, "");
         let serving = answering(&rig, answer);
@@ -522,7 +529,7 @@ fn a_full_service_says_so_itself() {
     for _ in 0..5 {
         let mut process = record(&rig, &rig.path("a.csv"), &[]);
         let said = process.ends(69);
-        let part = "it says: headingd serves 1 clients already";
+        let part = "refuses: headingd serves 1 clients already";
         assert!(said.contains(part), "{said}");
     }
     service.stop();

@@ -89,7 +89,9 @@ fn a_daemon_that_hangs_is_told_of() {
     });
     process.signal("STOP");
     let mut asking = rig.spawn(&mut rig.command(&["status"]));
-    for client in [&mut asking, &mut watching] {
+    let out = rig.text("a.csv");
+    let mut recording = rig.spawn(&mut rig.command(&["record", "--out", &out]));
+    for client in [&mut asking, &mut watching, &mut recording] {
         let said = client.ends(69);
         assert!(said.contains("headingd does not answer at"), "{said}");
     }
