@@ -33,7 +33,7 @@ pub struct BindError {
 pub enum BindFault {
     /// Another process serves there or is about to; its number, if that is known.
     #[error(
-        "another daemon is serving there{}; stop it, or set another socket",
+        "another daemon is serving there{}; stop it, or set another socket in [socket] or [control]",
         .0.map(|pid| format!(" (process {pid})")).unwrap_or_default()
     )]
     Busy(Option<u32>),

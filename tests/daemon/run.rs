@@ -127,7 +127,7 @@ fn a_second_daemon_is_refused_and_the_first_goes_on() {
     let mut second = rig.start();
     let said = second.ends(69);
     let right = format!(
-        "another daemon is serving there (process {}); stop it, or set another socket",
+        "another daemon is serving there (process {}); stop it, or set another socket in [socket] or [control]",
         first.id()
     );
     assert!(said.contains(&right), "{said}");
