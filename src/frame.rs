@@ -57,7 +57,7 @@ impl Mounting {
 
     /// First `inner`, then this one.
     pub fn after(&self, inner: &Self) -> Self {
-        Self::of(self.rotation * inner.rotation)
+        Self::of(self.matrix * inner.matrix)
     }
 
     /// Whether the mounting is mirrored (determinant −1).
