@@ -20,7 +20,7 @@ const DOUBT: f64 = 0.45;
 const TURNED_RAD: f64 = PI / 1.732;
 
 /// A field whose strength differs by more than so many deviations of a usual place's is not only the place's.
-const MOST_PLACE: f64 = 3.0;
+const PLACE_DEVIATIONS: f64 = 3.0;
 
 impl EstimatedHeading {
     /// A heading in degrees with its deviation in radians, which is at most half a turn.
@@ -188,7 +188,7 @@ impl Estimate {
     fn strange_mgauss(&self, corrected: &Vector3<f64>) -> f64 {
         let known = self.strength_mgauss();
         let off = (corrected.norm() - known).abs();
-        (off - MOST_PLACE * USUAL_UNEVENNESS * known).max(0.0)
+        (off - PLACE_DEVIATIONS * USUAL_UNEVENNESS * known).max(0.0)
     }
 
     /// The parts of the known field along down and across it, milligauss; `None` if the vertical is unknown.
