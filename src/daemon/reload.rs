@@ -29,10 +29,8 @@ pub struct NewConfig {
 pub(super) struct Reload {
     /// It opens the next session, which may hold the store.
     thread: Option<Thread<Result<PreparedReload, String>>>,
-    /// What has come of it: a calibration may have to end first.
-    prepared: Option<Result<PreparedReload, String>>,
-    /// A calibration under way is given up at this time, so that the reload can end.
-    deadline: Option<Instant>,
+    /// What has come of it, and when a calibration under way is given up, so that the reload can end.
+    prepared: Option<(Result<PreparedReload, String>, Instant)>,
     next: Option<NewConfig>,
 }
 
@@ -54,13 +52,13 @@ impl Reload {
 
     /// Whether another session takes the place of the running one.
     pub(super) fn replaces_session(&self) -> bool {
-        matches!(&self.prepared, Some(Ok(prepared)) if prepared.session.is_some())
+        matches!(&self.prepared, Some((Ok(prepared), _)) if prepared.session.is_some())
     }
 
     /// Whether the reload has waited long enough for a calibration.
     pub(super) fn is_overdue(&self) -> bool {
-        self.deadline
-            .is_some_and(|deadline| Instant::now() >= deadline)
+        let deadline = self.prepared.as_ref().map(|(_, deadline)| *deadline);
+        deadline.is_some_and(|deadline| Instant::now() >= deadline)
     }
 
     /// Waits for the next session; for ever, if none is being prepared. Nothing is lost when the wait is given up.
@@ -71,8 +69,8 @@ impl Reload {
         let prepared = thread.outcome().await;
         self.thread = None;
         let panicked = || Err("the thread of the reload panicked".to_owned());
-        self.prepared = Some(prepared.unwrap_or_else(panicked));
-        self.deadline = Some(Instant::now() + PATIENCE);
+        let deadline = Instant::now() + PATIENCE;
+        self.prepared = Some((prepared.unwrap_or_else(panicked), deadline));
     }
 
     /// Waits up to `patience` for the reload under way, whose session never starts, to release the store; returns whether it did.
@@ -108,7 +106,7 @@ impl Daemon {
 
     /// Goes on with the next session, once it is prepared, or as before if it cannot be had. What stands in the way is logged.
     pub(super) async fn end_reload(&mut self) -> Result<(), DaemonError> {
-        match self.reload.prepared.take() {
+        match self.reload.prepared.take().map(|(prepared, _)| prepared) {
             None => return Ok(()),
             Some(Err(message)) => self.not_reloaded(&message),
             Some(Ok(PreparedReload {

@@ -162,9 +162,8 @@ impl Estimate {
         let (vertical, horizontal) = level::split(&corrected, &axis);
         let strange = self.strange_mgauss(&corrected) / horizontal;
         if let Some(kept) = self.kept_alone() {
-            let found = kept::heading(kept, &self.mounting, &corrected, down)?;
-            let sd = hypot(found.sd_deg.to_radians(), strange);
-            return Some(EstimatedHeading::new(found.heading_deg, sd));
+            let (heading, sd) = kept::heading(kept, &self.mounting, &corrected, (axis, tilt_sd))?;
+            return Some(EstimatedHeading::new(heading, hypot(sd, strange)));
         }
         let heading = heading_deg(&corrected, &axis)?;
         let east = axis.cross(&corrected) / horizontal;

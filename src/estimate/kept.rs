@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 
+use super::level;
 use super::prior::{FIELD_MGAUSS, ROTATION_RAD};
-use super::{EstimatedHeading, level};
 use crate::calibration::model::{Calibration, Model, Parameters};
 use crate::frame::{Mounting, heading_deg, hypot};
 
@@ -12,14 +12,13 @@ const PLACE: f64 = 0.02;
 /// A body axis with more of the normal of a planar calibration than this (sine of 30°) was not measured.
 const ACROSS: f64 = 0.5;
 
-/// The heading from one corrected sample over a horizontal plane with this `down`; a board without one is taken for level.
+/// The heading from one corrected sample, degrees, and its deviation, radians. `down` has its own, radians.
 pub(super) fn heading(
     calibration: &Calibration,
     mounting: &Mounting,
     corrected: &Vector3<f64>,
-    down: Option<(Vector3<f64>, f64)>,
-) -> Option<EstimatedHeading> {
-    let (axis, tilt_sd) = level::known_or_level(down);
+    (axis, tilt_sd): (Vector3<f64>, f64),
+) -> Option<(f64, f64)> {
     let heading = heading_deg(corrected, &axis)?;
     let (along, horizontal) = level::split(corrected, &axis);
     // A fit to a sphere does not see the rotation between the chips. Of a circle only the rotation about its axis is unseen.
@@ -37,7 +36,7 @@ pub(super) fn heading(
     let own = calibration.heading_sd_deg.to_radians() * horizontal;
     let place = PLACE * FIELD_MGAUSS.max(calibration.strength_mgauss);
     let squares = own.powi(2) + place.powi(2) + unseen.powi(2) + (tilt_sd * vertical).powi(2);
-    Some(EstimatedHeading::new(heading, squares.sqrt() / horizontal))
+    Some((heading, squares.sqrt() / horizontal))
 }
 
 /// Which body axes it has measured.

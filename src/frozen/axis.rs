@@ -81,32 +81,12 @@ impl AxisWatch {
             }
         } else {
             self.repeated = 0;
-            let bend = change - std::mem::replace(&mut self.change, change);
-            let before = std::mem::replace(&mut self.bend, bend);
-            self.changes = (self.changes + 1.0).min(MEAN_READINGS);
-            self.mean += (bend.abs() - self.mean) / self.changes;
-            let averaged = self.changes == MEAN_READINGS;
-            if averaged {
-                self.quiet = self.quiet.inf(&self.mean);
-            }
-            let reversed = std::array::from_fn(|axis| {
-                if change[axis] != 0.0 {
-                    self.finest[axis] = self.finest[axis].min(change[axis].abs());
-                }
-                let size = bend[axis].abs();
-                let noise =
-                    averaged && size > STEPS * self.finest[axis] && size < QUIET * self.quiet[axis];
-                if noise && bend[axis] * before[axis] < 0.0 {
-                    size
-                } else {
-                    0.0
-                }
-            });
+            let reversed = self.reversed(change);
             for (axis, repeats) in self.axes.iter_mut().enumerate() {
                 if change[axis] != 0.0 || values[axis].abs() > self.most {
                     *repeats = Repeats::default();
                 } else {
-                    repeats.take(axis, reversed, DIGITS * values[axis].abs());
+                    repeats.take(axis, &reversed, DIGITS * values[axis].abs());
                 }
             }
         }
@@ -115,6 +95,31 @@ impl AxisWatch {
         }
         self.dead_s = t_s;
         None
+    }
+
+    /// The size of each axis's second difference if noise has reversed it, else 0.
+    fn reversed(&mut self, change: Vector3<f64>) -> Vector3<f64> {
+        let bend = change - std::mem::replace(&mut self.change, change);
+        let before = std::mem::replace(&mut self.bend, bend);
+        self.changes = (self.changes + 1.0).min(MEAN_READINGS);
+        self.mean += (bend.abs() - self.mean) / self.changes;
+        let changed = change
+            .abs()
+            .map(|size| if size > 0.0 { size } else { f64::INFINITY });
+        self.finest = self.finest.inf(&changed);
+        if self.changes < MEAN_READINGS {
+            return Vector3::zeros();
+        }
+        self.quiet = self.quiet.inf(&self.mean);
+        Vector3::from_fn(|axis, _| {
+            let size = bend[axis].abs();
+            let noise = STEPS * self.finest[axis] < size && size < QUIET * self.quiet[axis];
+            if noise && bend[axis] * before[axis] < 0.0 {
+                size
+            } else {
+                0.0
+            }
+        })
     }
 
     fn dead_axis(&self) -> Option<usize> {
@@ -130,13 +135,13 @@ impl AxisWatch {
 
 impl Repeats {
     /// Takes a reading in which this axis has not changed, and others have reversed by this much.
-    fn take(&mut self, axis: usize, reversed: [f64; 3], least: f64) {
+    fn take(&mut self, axis: usize, reversed: &Vector3<f64>, least: f64) {
         if self.readings == READINGS && !self.dead {
             *self = Self::default();
         }
         self.readings = (self.readings + 1).min(READINGS);
-        for (reversals, size) in self.reversals.iter_mut().zip(reversed) {
-            *reversals += u32::from(size > least);
+        for (reversals, size) in self.reversals.iter_mut().zip(reversed.iter()) {
+            *reversals += u32::from(*size > least);
         }
         let enough = |other: usize| other == axis || self.reversals[other] >= REVERSALS;
         self.dead |= (0..3).all(enough);

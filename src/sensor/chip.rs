@@ -112,20 +112,25 @@ pub struct RepeatWatch<T> {
 pub const FROZEN_AFTER: u32 = 20;
 
 impl<T: PartialEq> RepeatWatch<T> {
-    /// Takes a raw reading. Errors after 20 identical readings, until one differs: a chip that is set up again and repeats
-    /// its last reading is still frozen.
+    /// Takes a raw reading. Errors if its chip is frozen.
     pub fn take(&mut self, chip: &'static str, raw: T) -> Result<(), ChipError> {
+        if self.is_frozen(raw) {
+            let count = self.same;
+            return Err(ChipError::Frozen { chip, count });
+        }
+        Ok(())
+    }
+
+    /// Takes a raw reading. True after 20 identical readings, until one differs: a chip that is set up again and repeats
+    /// its last reading is still frozen.
+    pub fn is_frozen(&mut self, raw: T) -> bool {
         if self.last.as_ref() == Some(&raw) {
             self.same = self.same.saturating_add(1);
         } else {
             self.same = 1;
             self.last = Some(raw);
         }
-        if self.same < FROZEN_AFTER {
-            return Ok(());
-        }
-        let count = self.same;
-        Err(ChipError::Frozen { chip, count })
+        self.same >= FROZEN_AFTER
     }
 }
 

@@ -116,10 +116,8 @@ impl RazorBinary {
 
     fn frame(&mut self, numbers: [[f32; 3]; 3]) -> RazorFrame {
         std::array::from_fn(|sensor| {
-            let fresh = self.repeats[sensor].take("Razor", numbers[sensor]);
-            fresh
-                .ok()
-                .map(|()| numbers[sensor].map(|n| Some(f64::from(n))))
+            let counts = numbers[sensor].map(|n| Some(f64::from(n)));
+            (!self.repeats[sensor].is_frozen(numbers[sensor])).then_some(counts)
         })
     }
 }
