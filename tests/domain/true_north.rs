@@ -180,6 +180,19 @@ fn field_prints_what_the_model_says_and_how_well_it_knows() {
         (&found["date"], &found["warning"]),
         (&"2026-11-21".into(), &Value::Null)
     );
+    // A value that is published with WMM2025: far south, and at an altitude of 100 km.
+    let place = ["--lat", "-80", "--lon", "-120", "--alt", "100000"];
+    let found = headingd(&[&["field"], &place[..], &["--date", "2027-07-02", "--json"]].concat());
+    let found = found.json();
+    for (key, right) in [
+        ("declination_deg", 67.93),
+        ("dip_deg", -72.10),
+        ("total_mgauss", 518.257),
+        ("horizontal_mgauss", 159.27),
+    ] {
+        let off = found[key].as_f64().unwrap() - right;
+        assert!(off.abs() < 0.011, "{key}: {found}");
+    }
     let ran = of(&["--date", "2026-11-21"]);
     assert!(
         ran.out.contains("13.30 ± 0.42°, magnetic north is east"),
