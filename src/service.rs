@@ -29,7 +29,7 @@ pub struct Service {
     /// How often a sign of life is due, if the manager asks for any.
     pace: Option<Duration>,
     pinged: Option<Instant>,
-    /// The status line that was sent last, and when it was last compared with the state.
+    /// The newest status line that was sent, and the time of the latest comparison with the state.
     status: Option<(String, Instant)>,
 }
 

@@ -30,8 +30,8 @@ settings! {
     /// Where the calibration is kept.
     #[derive(Eq)]
     pub struct Settings {
-        /// The folder that the calibration is kept in, an absolute path: the folder that a daemon happens to be started in
-        /// may be another one next time. Empty: it is not kept, and each start begins uncalibrated.
+        /// The folder that the calibration is kept in, an absolute path, since a relative one would depend on where the
+        /// daemon is started. Empty: it is not kept, and each start begins uncalibrated.
         directory: PathBuf = PathBuf::from("/var/lib/headingd")
             => |key, path| absolute_or_empty(key, path, "an absolute path, or empty to keep nothing");
         /// How many calibrations of a sensor are kept; then the oldest goes.

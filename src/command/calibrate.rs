@@ -182,7 +182,7 @@ fn calibrated(args: &Args, config: &Config) -> Result<(Identity, Outcome), Failu
     Ok((identity, because_empty(outcome, empty_axis)))
 }
 
-/// The outcome; one that was rejected names the empty axis as its reason, if there is one. It comes first: other faults may follow from it.
+/// The outcome; one that was rejected names the empty axis, if there is one, as its reason: other faults may follow from it.
 fn because_empty(outcome: Outcome, empty_axis: Option<EmptyAxis>) -> Outcome {
     let Some(empty) = empty_axis.filter(|_| outcome.verdict == Verdict::Rejected) else {
         return outcome;

@@ -102,7 +102,7 @@ impl Headings {
         Err(Failure::new(Failure::DATA, message))
     }
 
-    /// Whose raw readings follow: a daemon that is asked for them says that at once.
+    /// The board whose raw readings follow. A daemon that is asked for readings sends it at once.
     pub fn board(&mut self) -> Result<Header, Failure> {
         while let Some(object) = self.object_in_time()? {
             if let Ok(Object::Board { header }) = serde_json::from_value(object) {

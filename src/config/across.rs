@@ -7,7 +7,7 @@ use crate::check::Fault;
 use crate::position::Gpsd;
 
 impl Config {
-    /// What is wrong between tables that are right in themselves, each fault with the other key of the pair. The keys are
+    /// What is wrong between tables that are right in themselves, each fault with the key that it conflicts with. The keys are
     /// `table.key`.
     pub(super) fn check_across(&self) -> Vec<(Fault, &'static str)> {
         let mut faults = Vec::new();
